@@ -1,0 +1,10 @@
+# The message types of recordings, generated from proto/.
+file(GLOB proto_files CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/proto/*.proto ${CMAKE_SOURCE_DIR}/proto/*/*.proto)
+if(proto_files)
+  add_library(gn_proto STATIC ${proto_files})
+  target_link_libraries(gn_proto PUBLIC protobuf::libprotobuf)
+  target_include_directories(gn_proto SYSTEM PUBLIC ${CMAKE_BINARY_DIR}/proto_gen)
+  file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/proto_gen)
+  protobuf_generate(TARGET gn_proto IMPORT_DIRS ${CMAKE_SOURCE_DIR}/proto PROTOC_OUT_DIR ${CMAKE_BINARY_DIR}/proto_gen)
+  target_compile_options(gn_proto PRIVATE -w)
+endif()

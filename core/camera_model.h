@@ -1,0 +1,61 @@
+// Pinhole camera with Brown–Conrady distortion, and the rig and bodies that tracking knows.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+#include "core/transform.h"
+
+namespace gnathion {
+
+/// x right, y down, z forward; pixel (0, 0) is the centre of the upper left pixel (OpenCV).
+struct CameraModel {
+  int width_px = 1280, height_px = 720;
+  double fx_px = 1100, fy_px = 1100, cx_px = 639.5, cy_px = 359.5;
+  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
+
+  /// Pixel of a point in the camera's frame; nothing for z <= 0.
+  std::optional<Eigen::Vector2d> project(const Vector3& p_camera_mm) const;
+  /// Distorts normalised coordinates (x/z, y/z).
+  Eigen::Vector2d distort(const Eigen::Vector2d& normalised) const;
+  /// Normalised coordinates of a pixel (fixed-point iteration, then Newton; to 1e-12).
+  Eigen::Vector2d undistorted(const Eigen::Vector2d& pixel) const;
+};
+
+struct RigCamera {
+  std::string name;  ///< also the name of its stream in recordings
+  CameraModel model;
+  Rigid3 rig_from_camera;  ///< the rig's frame is the first camera's
+};
+
+/// One square tag on a body; corners in the order of libapriltag: as the detector returns them for an
+/// upright tag seen from the front: lower left, lower right, upper right, upper left.
+struct BodyTag {
+  int id = 0;
+  std::array<Vector3, 4> corners_in_body_mm;
+};
+
+/// A rigid body with tags: the bow or the head frame.
+struct TaggedBody {
+  std::string name;                 ///< "bow", "head_frame"
+  std::string family = "tag36h11";
+  std::vector<BodyTag> tags;
+};
+
+struct Rig {
+  std::vector<RigCamera> cameras;
+  TaggedBody bow, head_frame;
+};
+
+/// RIG.toml (docs/formats.md): [[camera]] and the paths of bow and head-frame files beside it.
+Result<Rig> read_rig(const std::filesystem::path& path);
+/// bow.toml: name, family and [[tag]] with id and corners_mm.
+Result<TaggedBody> read_body(const std::filesystem::path& path);
+/// Writes RIG.toml, and bow.toml and head_frame.toml beside it.
+Status write_rig(const std::filesystem::path& path, const Rig& rig);
+
+}  // namespace gnathion

@@ -1,0 +1,80 @@
+// Closest-point, signed-distance and ray queries against one mesh, on Embree. Results are computed
+// in double precision; Embree only finds the candidates.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+
+#include "core/mesh.h"
+
+namespace gnathion {
+
+struct ClosestPoint {
+  Vector3 point_mm = Vector3::Zero();
+  std::uint32_t triangle = 0;
+  double distance_mm = 0.0;
+  Vector3 barycentric = Vector3::Zero();
+  /// Angle-weighted pseudonormal of the closest feature (face, edge or vertex): its sign test is
+  /// exact on closed meshes (Bærentzen & Aanæs 2005).
+  Vector3 normal = Vector3::Zero();
+  /// The closest feature lies on the mesh's boundary: beyond the rim, inside and outside mean nothing.
+  bool on_boundary = false;
+};
+
+struct SignedDistance {
+  double distance_mm = 0.0;  ///< negative inside (behind the surface)
+  ClosestPoint closest;
+};
+
+struct RayHit {
+  double distance_mm = 0.0;
+  std::uint32_t triangle = 0;
+  Vector3 point_mm = Vector3::Zero();
+  Vector3 normal = Vector3::Zero();  ///< unit face normal
+};
+
+/// Immutable after construction; all queries are thread-safe. Keeps its own copy of the mesh.
+///
+/// Open meshes: a point whose closest feature is the boundary has no side. Its distance is given as
+/// positive (outside) and `closest.on_boundary` is set; callers that need more ask inside().
+class MeshQuery {
+ public:
+  explicit MeshQuery(TriangleMesh mesh);
+  ~MeshQuery();
+  MeshQuery(MeshQuery&&) noexcept;
+  MeshQuery& operator=(MeshQuery&&) noexcept;
+
+  const TriangleMesh& mesh() const;
+  /// Closest point no farther than `max_distance_mm`; nothing if there is none.
+  std::optional<ClosestPoint> closest(
+      const Vector3& p_mm, double max_distance_mm = std::numeric_limits<double>::infinity()) const;
+  std::optional<SignedDistance> signed_distance(
+      const Vector3& p_mm, double max_distance_mm = std::numeric_limits<double>::infinity()) const;
+  /// First hit along a unit direction between near and far, from either side.
+  std::optional<RayHit> ray(const Vector3& origin_mm, const Vector3& direction,
+                            double near_mm = 0.0,
+                            double far_mm = std::numeric_limits<double>::infinity()) const;
+  /// Number of crossings along the ray.
+  int count_crossings(const Vector3& origin_mm, const Vector3& direction) const;
+  /// Generalised winding number by exact summation over the solid angles of all triangles
+  /// (Jacobson 2013; Van Oosterom & Strackee 1983): about 1 inside, 0 outside, also on open meshes.
+  /// O(triangles).
+  double winding_number(const Vector3& p_mm) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Pairs of triangles of one mesh that cross each other without sharing a vertex, or overlap beyond the
+/// vertex or edge that they share. At most `limit` pairs are returned, sorted.
+std::vector<std::array<std::uint32_t, 2>> self_intersections(
+    const TriangleMesh& mesh, std::size_t limit = std::numeric_limits<std::size_t>::max());
+/// Triangle pairs (of a, of b) that cross.
+std::vector<std::array<std::uint32_t, 2>> intersections(
+    const TriangleMesh& a, const TriangleMesh& b,
+    std::size_t limit = std::numeric_limits<std::size_t>::max());
+
+}  // namespace gnathion
