@@ -12,11 +12,11 @@ namespace gnathion {
 
 /// Times and counter that every sample carries.
 struct SampleHeader {
-  std::string stream;           ///< "camera_0", "pedal"
-  std::uint32_t sequence = 0;   ///< the device's own counter
-  HostTime capture;             ///< mid-exposure, on the host's clock
-  HostTime arrival;             ///< when the host had it
-  DeviceTime device;            ///< device ticks, in ns
+  std::string stream;          ///< "camera_0", "pedal"
+  std::uint32_t sequence = 0;  ///< the device's own counter
+  HostTime capture;            ///< mid-exposure, on the host's clock
+  HostTime arrival;            ///< when the host had it
+  DeviceTime device;           ///< device ticks, in ns
 };
 
 struct FrameSample {

@@ -16,9 +16,7 @@ namespace gnathion {
 template <class T>
 class BoundedQueue {
  public:
-  explicit BoundedQueue(std::size_t capacity) : capacity_(capacity) {
-    GNATHION_CHECK(capacity > 0);
-  }
+  explicit BoundedQueue(std::size_t capacity) : capacity_(capacity) { GNATHION_CHECK(capacity > 0); }
 
   /// Waits for room. False when the queue is closed: the value was not taken.
   bool push(T value) {

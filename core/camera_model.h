@@ -41,7 +41,7 @@ struct BodyTag {
 
 /// A rigid body with tags: the bow or the head frame.
 struct TaggedBody {
-  std::string name;                 ///< "bow", "head_frame"
+  std::string name;  ///< "bow", "head_frame"
   std::string family = "tag36h11";
   std::vector<BodyTag> tags;
 };

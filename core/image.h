@@ -15,7 +15,8 @@ struct Image8 {
 
   Image8() = default;
   Image8(int width, int height, std::uint8_t value = 0)
-      : width_px(width), height_px(height),
+      : width_px(width),
+        height_px(height),
         pixels(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), value) {}
   std::uint8_t& at(int x, int y) {
     return pixels[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px) +

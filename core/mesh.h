@@ -31,7 +31,10 @@ struct TriangleMesh {
 struct Box {
   Vector3 min_mm = Vector3::Constant(1e300);
   Vector3 max_mm = Vector3::Constant(-1e300);
-  void extend(const Vector3& p) { min_mm = min_mm.cwiseMin(p); max_mm = max_mm.cwiseMax(p); }
+  void extend(const Vector3& p) {
+    min_mm = min_mm.cwiseMin(p);
+    max_mm = max_mm.cwiseMax(p);
+  }
   Vector3 size_mm() const { return max_mm - min_mm; }
   Vector3 centre_mm() const { return 0.5 * (min_mm + max_mm); }
 };
@@ -62,8 +65,8 @@ std::vector<std::uint32_t> triangle_components(const TriangleMesh& mesh, std::si
 /// Facts about how triangles meet.
 struct MeshTopology {
   std::size_t vertices = 0, triangles = 0, components = 0;
-  std::size_t boundary_edges = 0;       ///< one triangle
-  std::size_t non_manifold_edges = 0;   ///< three or more triangles, or two wound alike
+  std::size_t boundary_edges = 0;         ///< one triangle
+  std::size_t non_manifold_edges = 0;     ///< three or more triangles, or two wound alike
   std::size_t non_manifold_vertices = 0;  ///< whose triangles form more than one fan
   std::size_t degenerate_triangles = 0;   ///< repeated index or zero area
   long genus = 0;                         ///< of the closed surface, summed over components

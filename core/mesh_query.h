@@ -48,13 +48,12 @@ class MeshQuery {
 
   const TriangleMesh& mesh() const;
   /// Closest point no farther than `max_distance_mm`; nothing if there is none.
-  std::optional<ClosestPoint> closest(
-      const Vector3& p_mm, double max_distance_mm = std::numeric_limits<double>::infinity()) const;
+  std::optional<ClosestPoint> closest(const Vector3& p_mm,
+                                      double max_distance_mm = std::numeric_limits<double>::infinity()) const;
   std::optional<SignedDistance> signed_distance(
       const Vector3& p_mm, double max_distance_mm = std::numeric_limits<double>::infinity()) const;
   /// First hit along a unit direction between near and far, from either side.
-  std::optional<RayHit> ray(const Vector3& origin_mm, const Vector3& direction,
-                            double near_mm = 0.0,
+  std::optional<RayHit> ray(const Vector3& origin_mm, const Vector3& direction, double near_mm = 0.0,
                             double far_mm = std::numeric_limits<double>::infinity()) const;
   /// Number of crossings along the ray.
   int count_crossings(const Vector3& origin_mm, const Vector3& direction) const;

@@ -12,10 +12,14 @@ std::string Error::line() const {
 
 int exit_code(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kUsage: return 2;
-    case ErrorCode::kGate: return 3;
-    case ErrorCode::kInput: return 4;
-    case ErrorCode::kInternal: break;
+    case ErrorCode::kUsage:
+      return 2;
+    case ErrorCode::kGate:
+      return 3;
+    case ErrorCode::kInput:
+      return 4;
+    case ErrorCode::kInternal:
+      break;
   }
   return 1;
 }

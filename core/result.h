@@ -31,10 +31,8 @@ template <class T>
 using Result = tl::expected<T, Error>;
 using Status = tl::expected<void, Error>;
 
-inline tl::unexpected<Error> fail(ErrorCode code, std::string what, std::string where,
-                                  std::string why) {
-  return tl::unexpected<Error>(
-      Error{code, std::move(what), std::move(where), std::move(why)});
+inline tl::unexpected<Error> fail(ErrorCode code, std::string what, std::string where, std::string why) {
+  return tl::unexpected<Error>(Error{code, std::move(what), std::move(where), std::move(why)});
 }
 inline tl::unexpected<Error> bad_input(std::string what, std::string where, std::string why) {
   return fail(ErrorCode::kInput, std::move(what), std::move(where), std::move(why));
@@ -47,16 +45,14 @@ tl::unexpected<Error> in_context(const std::string& what, Error error);
 /// Returns the error of a Result from the enclosing function, or binds its value to `lhs`.
 #define GNATHION_CONCAT_(a, b) a##b
 #define GNATHION_CONCAT(a, b) GNATHION_CONCAT_(a, b)
-#define GNATHION_TRY_(tmp, lhs, expression)            \
-  auto tmp = (expression);                             \
+#define GNATHION_TRY_(tmp, lhs, expression)                                   \
+  auto tmp = (expression);                                                    \
   if (!tmp) return tl::unexpected<::gnathion::Error>(std::move(tmp.error())); \
   lhs = std::move(*tmp)
-#define GNATHION_TRY(lhs, expression) \
-  GNATHION_TRY_(GNATHION_CONCAT(gnathion_try_, __LINE__), lhs, expression)
+#define GNATHION_TRY(lhs, expression) GNATHION_TRY_(GNATHION_CONCAT(gnathion_try_, __LINE__), lhs, expression)
 /// The same for a Status.
-#define GNATHION_CHECK_OK(expression)                                       \
-  do {                                                                      \
-    auto gnathion_status = (expression);                                    \
-    if (!gnathion_status)                                                   \
-      return tl::unexpected<::gnathion::Error>(std::move(gnathion_status.error())); \
+#define GNATHION_CHECK_OK(expression)                                                                   \
+  do {                                                                                                  \
+    auto gnathion_status = (expression);                                                                \
+    if (!gnathion_status) return tl::unexpected<::gnathion::Error>(std::move(gnathion_status.error())); \
   } while (false)

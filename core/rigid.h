@@ -27,17 +27,13 @@ struct Rigid3 {
   /// Rotation by `angle_rad` about the line through `point_mm` along `axis` (any length but 0).
   static Rigid3 about_axis(const Vector3& point_mm, const Vector3& axis, double angle_rad);
   /// The 4×4 matrix taken as it is; the caller has checked it (see nearest_rigid).
-  static Rigid3 from_matrix(const Matrix4& m) {
-    return {m.topLeftCorner<3, 3>(), m.topRightCorner<3, 1>()};
-  }
+  static Rigid3 from_matrix(const Matrix4& m) { return {m.topLeftCorner<3, 3>(), m.topRightCorner<3, 1>()}; }
 
   Vector3 operator*(const Vector3& p_mm) const { return rotation * p_mm + translation_mm; }
   Rigid3 operator*(const Rigid3& b) const {
     return {rotation * b.rotation, rotation * b.translation_mm + translation_mm};
   }
-  Rigid3 inverse() const {
-    return {rotation.transpose(), -(rotation.transpose() * translation_mm)};
-  }
+  Rigid3 inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation_mm)}; }
   Matrix4 matrix() const;
   double angle_rad() const;  ///< rotation angle, 0..π
 };
@@ -50,7 +46,9 @@ Vector6 log_se3(const Rigid3& x);
 /// Ad_X: X exp(ξ) X⁻¹ = exp(Ad_X ξ).
 Matrix6 adjoint(const Rigid3& x);
 /// X (−) Y: the ξ with X = exp(ξ) Y.
-inline Vector6 difference(const Rigid3& x, const Rigid3& y) { return log_se3(x * y.inverse()); }
+inline Vector6 difference(const Rigid3& x, const Rigid3& y) {
+  return log_se3(x * y.inverse());
+}
 
 /// Covariance of a·b for independent a, b: Σ_a + Ad_a Σ_b Ad_aᵀ.
 Matrix6 composed_covariance(const Matrix6& cov_a, const Rigid3& a, const Matrix6& cov_b);
@@ -61,9 +59,9 @@ Matrix3 point_covariance(const Matrix6& cov, const Vector3& xp_mm);
 
 /// How far a 4×4 matrix is from a rigid motion.
 struct RigidityDeviation {
-  double determinant = 1.0;        ///< of the upper left 3×3; a rotation has 1
-  double orthogonality = 0.0;      ///< largest |RᵀR − I| entry
-  double last_row = 0.0;           ///< largest deviation from (0 0 0 1)
+  double determinant = 1.0;    ///< of the upper left 3×3; a rotation has 1
+  double orthogonality = 0.0;  ///< largest |RᵀR − I| entry
+  double last_row = 0.0;       ///< largest deviation from (0 0 0 1)
   bool finite = true;
   /// Accepts what rounding to 6 digits does, and no more.
   bool is_rigid(double tolerance = 1e-4) const;

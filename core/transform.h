@@ -56,8 +56,8 @@ struct BowAndHead {
 /// away from the maxilla.
 template <class F>
 Motion<F> relative_motion(const BowAndHead<F>& at_mi, const BowAndHead<F>& at_tp) {
-  return Motion<F>(at_mi.f_from_head.rigid * at_tp.f_from_head.rigid.inverse() *
-                   at_tp.f_from_bow.rigid * at_mi.f_from_bow.rigid.inverse());
+  return Motion<F>(at_mi.f_from_head.rigid * at_tp.f_from_head.rigid.inverse() * at_tp.f_from_bow.rigid *
+                   at_mi.f_from_bow.rigid.inverse());
 }
 
 /// T of the camera route, T = T_D⁻¹·M0⁻¹: the measuring frame at MI told in the dental frame.

@@ -1,0 +1,168 @@
+// RIG.toml and the files of its bodies.
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+#include "core/camera_model.h"
+#include "core/file.h"
+
+namespace gnathion {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr const char* kWhat = "cannot read rig";
+
+Result<toml::table> parse_toml(const fs::path& path) {
+  GNATHION_TRY(const std::string text, read_file(path));
+  try {
+    return toml::parse(text, path.string());
+  } catch (const toml::parse_error& e) {
+    return bad_input(kWhat, path.string(),
+                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
+  }
+}
+
+Result<double> number(const toml::table& t, const char* key, const std::string& where) {
+  const auto value = t[key].value<double>();
+  if (!value || !std::isfinite(*value))
+    return bad_input(kWhat, where, fmt::format("key '{}' is missing or not a number", key));
+  return *value;
+}
+
+Result<std::vector<double>> numbers(const toml::node_view<const toml::node>& node, std::size_t count,
+                                    const std::string& where, const std::string& key) {
+  std::vector<double> values;
+  if (const auto* array = node.as_array())
+    for (const auto& item : *array)
+      if (const auto v = item.value<double>(); v && std::isfinite(*v)) values.push_back(*v);
+  if (values.size() != count || node.as_array()->size() != count)
+    return bad_input(kWhat, where, fmt::format("key '{}' needs {} finite numbers", key, count));
+  return values;
+}
+
+Result<RigCamera> parse_camera(const toml::table& t, const std::string& where) {
+  RigCamera camera;
+  const auto name = t["name"].value<std::string>();
+  if (!name || name->empty()) return bad_input(kWhat, where, "a [[camera]] has no name");
+  camera.name = *name;
+  CameraModel& m = camera.model;
+  const std::pair<const char*, double*> keys[] = {
+      {"fx_px", &m.fx_px}, {"fy_px", &m.fy_px}, {"cx_px", &m.cx_px}, {"cy_px", &m.cy_px}, {"k1", &m.k1},
+      {"k2", &m.k2},       {"p1", &m.p1},       {"p2", &m.p2},       {"k3", &m.k3}};
+  for (const auto& [key, target] : keys) {
+    GNATHION_TRY(*target, number(t, key, where));
+  }
+  GNATHION_TRY(const double width, number(t, "width_px", where));
+  GNATHION_TRY(const double height, number(t, "height_px", where));
+  if (width < 1 || height < 1 || width > 65536 || height > 65536 || m.fx_px <= 0 || m.fy_px <= 0)
+    return bad_input(kWhat, where, fmt::format("camera '{}' has an impossible size or focal length", *name));
+  m.width_px = static_cast<int>(width);
+  m.height_px = static_cast<int>(height);
+  GNATHION_TRY(const auto pose, numbers(t["rig_from_camera"], 16, where, "rig_from_camera"));
+  const Matrix4 matrix = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(pose.data());
+  const RigidityDeviation d = rigidity_deviation(matrix);
+  if (!d.is_rigid())
+    return bad_input(kWhat, where,
+                     fmt::format("rig_from_camera of '{}' is not rigid: determinant {:.6f}, "
+                                 "orthogonality off by {:.2g}",
+                                 *name, d.determinant, d.orthogonality));
+  camera.rig_from_camera = nearest_rigid(matrix);
+  return camera;
+}
+
+std::string body_toml(const TaggedBody& body) {
+  std::string text = fmt::format(
+      "# A rigid body with AprilTags. Corners in the body's own frame, mm, in the order lower left,\n"
+      "# lower right, upper right, upper left of the upright tag seen from its front.\n"
+      "name = \"{}\"\nfamily = \"{}\"\n",
+      body.name, body.family);
+  for (const BodyTag& tag : body.tags) {
+    text += fmt::format("\n[[tag]]\nid = {}\ncorners_mm = [", tag.id);
+    for (const Vector3& c : tag.corners_in_body_mm)
+      text += fmt::format("\n  [{:.17g}, {:.17g}, {:.17g}],", c.x() + 0.0, c.y() + 0.0, c.z() + 0.0);
+    text += "\n]\n";
+  }
+  return text;
+}
+
+std::string camera_toml(const RigCamera& camera) {
+  const CameraModel& m = camera.model;
+  std::string text = fmt::format(
+      "\n[[camera]]\nname = \"{}\"  # also its stream in recordings\nwidth_px = {}\nheight_px = {}\n"
+      "fx_px = {:.17g}\nfy_px = {:.17g}\ncx_px = {:.17g}\ncy_px = {:.17g}\n"
+      "k1 = {:.17g}\nk2 = {:.17g}\np1 = {:.17g}\np2 = {:.17g}\nk3 = {:.17g}\nrig_from_camera = [",
+      camera.name, m.width_px, m.height_px, m.fx_px, m.fy_px, m.cx_px, m.cy_px, m.k1, m.k2, m.p1, m.p2, m.k3);
+  const Matrix4 pose = camera.rig_from_camera.matrix();
+  for (int r = 0; r < 4; ++r)
+    text += fmt::format("\n  {:.17g}, {:.17g}, {:.17g}, {:.17g},", pose(r, 0), pose(r, 1), pose(r, 2),
+                        pose(r, 3));
+  return text + "\n]\n";
+}
+
+}  // namespace
+
+Result<TaggedBody> read_body(const fs::path& path) {
+  GNATHION_TRY(const toml::table t, parse_toml(path));
+  const std::string where = path.string();
+  TaggedBody body;
+  body.name = t["name"].value_or(std::string());
+  body.family = t["family"].value_or(std::string("tag36h11"));
+  if (body.family != "tag36h11")
+    return bad_input(kWhat, where, "tag family '" + body.family + "' is not supported");
+  const auto* tags = t["tag"].as_array();
+  if (body.name.empty() || !tags || tags->empty())
+    return bad_input(kWhat, where, "needs a name and [[tag]] entries");
+  for (const auto& node : *tags) {
+    const auto* tag_table = node.as_table();
+    const auto id = tag_table ? (*tag_table)["id"].value<std::int64_t>() : std::nullopt;
+    if (!id || *id < 0 || *id > 586) return bad_input(kWhat, where, "a [[tag]] has no id in 0..586");
+    BodyTag tag;
+    tag.id = static_cast<int>(*id);
+    for (const BodyTag& other : body.tags)
+      if (other.id == tag.id) return bad_input(kWhat, where, fmt::format("tag {} stands twice", tag.id));
+    const auto corners = (*tag_table)["corners_mm"];
+    if (!corners.as_array() || corners.as_array()->size() != 4)
+      return bad_input(kWhat, where, fmt::format("tag {} needs four corners_mm", tag.id));
+    for (std::size_t k = 0; k < 4; ++k) {
+      GNATHION_TRY(const auto xyz,
+                   numbers(corners[k], 3, where, fmt::format("corners_mm of tag {}", tag.id)));
+      tag.corners_in_body_mm[k] = {xyz[0], xyz[1], xyz[2]};
+    }
+    body.tags.push_back(tag);
+  }
+  return body;
+}
+
+Result<Rig> read_rig(const fs::path& path) {
+  GNATHION_TRY(const toml::table t, parse_toml(path));
+  const std::string where = path.string();
+  Rig rig;
+  const auto* cameras = t["camera"].as_array();
+  if (!cameras || cameras->empty()) return bad_input(kWhat, where, "no [[camera]]");
+  for (const auto& node : *cameras) {
+    if (!node.is_table()) return bad_input(kWhat, where, "[[camera]] is not a table");
+    GNATHION_TRY(RigCamera camera, parse_camera(*node.as_table(), where));
+    rig.cameras.push_back(std::move(camera));
+  }
+  const auto bow = t["bow"].value<std::string>(), head = t["head_frame"].value<std::string>();
+  if (!bow || !head) return bad_input(kWhat, where, "needs 'bow' and 'head_frame' file names");
+  GNATHION_TRY(rig.bow, read_body(path.parent_path() / *bow));
+  GNATHION_TRY(rig.head_frame, read_body(path.parent_path() / *head));
+  for (const BodyTag& a : rig.bow.tags)
+    for (const BodyTag& b : rig.head_frame.tags)
+      if (a.id == b.id) return bad_input(kWhat, where, fmt::format("tag {} is on both bodies", a.id));
+  return rig;
+}
+
+Status write_rig(const fs::path& path, const Rig& rig) {
+  std::string text =
+      "# The camera rig and the two tagged bodies. Intrinsics: pinhole with Brown-Conrady distortion\n"
+      "# (OpenCV's order), pixel (0, 0) is the centre of the upper left pixel. rig_from_camera is\n"
+      "# row-major, mm; the rig's frame is the first camera's.\n"
+      "bow = \"bow.toml\"\nhead_frame = \"head_frame.toml\"\n";
+  for (const RigCamera& camera : rig.cameras) text += camera_toml(camera);
+  GNATHION_CHECK_OK(write_file(path, text));
+  GNATHION_CHECK_OK(write_file(path.parent_path() / "bow.toml", body_toml(rig.bow)));
+  return write_file(path.parent_path() / "head_frame.toml", body_toml(rig.head_frame));
+}
+
+}  // namespace gnathion
