@@ -1,0 +1,74 @@
+// The chain that brings a recorded motion to the teeth: T_D, T_F, T and T_B from scans, solved together.
+//
+//   clutch scan ─ teeth ─→ mandible in MI (Dental)      bow_from_dental = T_D
+//        └─ clutch ─→ bow model (Bow)
+//   face scan MI ─ bow ─→ bow model                      bow_from_face = T_F
+//   face scan TP ─ bow ─→ bow model                      bow_from_face_tp
+//        └─ upper face and head frame ─→ face scan MI    face_mi_from_face_tp
+//
+//   T = T_D⁻¹·T_F,  T_B = face_mi_from_face_tp · bow_from_face_tp⁻¹ · T_F,  T_th = T·T_B·T⁻¹.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/mesh.h"
+#include "core/progress.h"
+#include "core/result.h"
+#include "core/transform.h"
+
+namespace gnathion {
+
+/// Each surface in its own frame, millimetres.
+struct ChainScans {
+  TriangleMesh mandible_mi;  ///< Dental
+  TriangleMesh clutch_scan;  ///< ClutchScan: lower teeth with the clutch on
+  TriangleMesh bow_model;    ///< Bow: the CAD surface, clutch and stem included
+  TriangleMesh face_mi;      ///< FaceScanMi; may be empty, together with face_tp: then only T_D is solved
+  TriangleMesh face_tp;      ///< FaceScanTp
+};
+
+struct ChainOptions {
+  /// 1σ of each scanner's relative scale; enters the covariances.
+  double scan_scale_sigma = 5e-4;
+  std::uint64_t seed = 1;
+};
+
+/// One pose of the chain with what it says about itself.
+struct ChainPose {
+  Rigid3 value;
+  Matrix6 covariance = Matrix6::Zero();  ///< left perturbation, rad and mm
+  double rms_mm = 0.0;
+  double held_out_mm = 0.0;
+  double condition = 0.0;
+  std::vector<std::string> weak;
+};
+
+/// The poses that are estimated from surfaces, in the order of the joint covariance.
+enum class ChainState { kBowFromDental = 0, kBowFromFace, kBowFromFaceTp, kFaceMiFromFaceTp };
+inline constexpr int kChainStates = 4;
+using ChainCovariance = Eigen::Matrix<double, 6 * kChainStates, 6 * kChainStates>;
+
+struct Chain {
+  ChainPose bow_from_dental;  ///< T_D
+  bool has_faces = true;      ///< what follows is known
+  ChainPose bow_from_face;    ///< T_F, at MI
+  ChainPose bow_from_face_tp;
+  ChainPose face_mi_from_face_tp;  ///< the head's motion between the scans
+  ChainPose dental_from_face;      ///< T = T_D⁻¹·T_F
+  ChainPose bow_motion;            ///< T_B in FaceScanMi, head motion removed
+  /// Of the four estimated poses' left perturbations, 6 each in the order of ChainState, cross terms
+  /// included.
+  ChainCovariance joint = ChainCovariance::Zero();
+
+  Transform<Bow, Dental> t_d() const { return Transform<Bow, Dental>(bow_from_dental.value); }
+  Transform<Bow, FaceScanMi> t_f() const { return Transform<Bow, FaceScanMi>(bow_from_face.value); }
+  Transform<Dental, FaceScanMi> t() const { return Transform<Dental, FaceScanMi>(dental_from_face.value); }
+  Motion<FaceScanMi> t_b() const { return Motion<FaceScanMi>(bow_motion.value); }
+};
+
+/// Coarse start without a guess for each registration, then one least-squares problem over all poses.
+/// Errors (kInput) name the registration that is missing or undetermined.
+Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, Progress& progress);
+
+}  // namespace gnathion
