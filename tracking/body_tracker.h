@@ -1,0 +1,45 @@
+// Bow and head frame from frame to frame: predicts, follows each tag in its own window, and searches whole
+// frames only where a body is lost.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "core/camera_model.h"
+#include "core/image.h"
+#include "core/time.h"
+#include "tracking/body_pose.h"
+#include "tracking/tag_detector.h"
+
+namespace gnathion {
+
+struct BodyTrackerOptions {
+  TagDetectorOptions detector;
+  BodyPoseOptions pose;
+  int search_pause_frames = 5;    ///< while a body stays lost, whole frames are searched this often
+  double max_prediction_s = 0.1;  ///< an older pose predicts nothing
+};
+
+struct BodyPoses {
+  BodyPose bow, head;
+  bool searched = false;  ///< a whole frame was searched
+};
+
+/// Not thread-safe. Results depend only on the frames since construction or reset().
+class BodyTracker {
+ public:
+  static Result<std::unique_ptr<BodyTracker>> create(const Rig& rig, const BodyTrackerOptions& options);
+  ~BodyTracker();
+  /// Forgets the past; the next frame is searched whole.
+  void reset();
+  /// One instant. `images` in the rig's order of cameras; null where a camera's frame is missing.
+  BodyPoses next(HostTime capture, const std::vector<const Image8*>& images);
+
+ private:
+  struct Impl;
+  explicit BodyTracker(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace gnathion
