@@ -1,0 +1,68 @@
+// The splint: from two jaws and T_th to a printable solid with its verification (docs/design.md).
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "core/mesh.h"
+#include "core/progress.h"
+#include "core/result.h"
+#include "core/transform.h"
+#include "design/parameters.h"
+#include "design/verification.h"
+#include "occlusion/arch.h"
+
+namespace gnathion {
+
+/// All in Dental, both jaws in MI as scanned. The mandible arrives in MI (a caller with the mandible in
+/// TP applies T_th⁻¹ first).
+struct SplintInputs {
+  TriangleMesh maxilla, mandible_mi;
+  Motion<Dental> therapeutic;                    ///< T_th: L1 = T_th · L0
+  std::optional<TriangleMesh> occlusal_surface;  ///< S_occ; found from the maxilla when absent
+};
+
+/// Wall-clock seconds of one named stage, in order.
+using StageTimes = std::vector<std::pair<std::string, double>>;
+
+struct SplintDesign {
+  TriangleMesh splint;  ///< Dental; also present when the verdict is "fail"
+  SplintParameters parameters;
+  SplintVerification verification;
+  std::vector<Gate> gates;
+  std::string verdict;                ///< "pass" or "fail"
+  std::vector<std::string> violated;  ///< names of the blocking gates that failed
+  std::vector<std::string> warnings;
+  StageTimes timing_s;
+  ArchFrame arch;
+  /// For pictures and profiles, in Dental.
+  TriangleMesh mandible_tp;          ///< L_TP
+  TriangleMesh occlusal_surface_tp;  ///< T_th · S_occ
+  TriangleMesh cavity;               ///< inner surface, down to the rim
+  TriangleMesh outer;                ///< outer surface with the imprint
+};
+
+/// Builds and verifies. Refused (kInput) are jaws that occlusion/arch.h refuses; a splint that fails a gate
+/// is a value with verdict "fail". Deterministic on any number of threads.
+Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParameters& parameters,
+                                   Progress& progress);
+
+/// One input file as it stands in design.json and in the 3MF.
+struct InputRecord {
+  std::string path, sha256;
+};
+
+/// design.json: exactly the keys of the contract. `total_s` and `peak_rss_mib` from the caller.
+nlohmann::json design_json(const SplintDesign& design, const std::vector<InputRecord>& inputs,
+                           const std::string& version, double total_s, double peak_rss_mib);
+
+/// The same splint turned into the design of a command's caller: metadata for write_3mf.
+std::vector<std::pair<std::string, std::string>> splint_metadata(const SplintDesign& design,
+                                                                 const Motion<Dental>& therapeutic,
+                                                                 const std::vector<InputRecord>& inputs);
+
+}  // namespace gnathion

@@ -1,0 +1,67 @@
+// What the finished mesh is, measured on the mesh itself by means that did not make it.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/mesh.h"
+#include "core/mesh_query.h"
+#include "core/transform.h"
+#include "design/parameters.h"
+#include "occlusion/arch.h"
+#include "occlusion/contacts.h"
+
+namespace gnathion {
+
+struct Aperture {
+  double area_mm2 = 0.0;
+  Vector3 centre_mm = Vector3::Zero();  ///< Dental
+  std::vector<std::uint8_t> teeth;      ///< FDI numbers of the maxilla, where known
+  std::string cause;
+};
+
+/// The splint and the maxilla settled against each other as rigid bodies (Dental).
+struct PredictedSeating {
+  double alpha_deg = 0.0;
+  double t_mm = 0.0;          ///< displacement of the arch's centroid
+  double max_tooth_mm = 0.0;  ///< largest displacement over the crowns
+};
+
+struct SplintVerification {
+  MeshTopology topology;
+  std::size_t self_intersections = 0;
+  double volume_mm3 = 0.0;
+  /// Distance from the cavity's surface to the outer surface; rims and aperture walls left out.
+  struct Thickness {
+    double min_mm = 0.0, p01_mm = 0.0, median_mm = 0.0;
+    Vector3 where_mm = Vector3::Zero();
+  } thickness;
+  double thin_under_contact_mm2 = 0.0;  ///< biting surface with less than w (but at least w_a) behind it
+  struct SeatGap {
+    double min_mm = 0.0, median_mm = 0.0, max_mm = 0.0;
+  } seat_gap;                             ///< from the cavity's surface to the maxilla
+  double maxilla_penetration_mm = 0.0;    ///< deepest, either surface inside the other
+  double mandible_penetration_mm = 0.0;   ///< the same for the mandible in TP
+  Contacts contacts;                      ///< of the mandible in TP with the splint, gap <= 0.05 mm
+  double natural_contact_area_mm2 = 0.0;  ///< of the mandible in MI with the maxilla, same limit
+  double kept_fraction = 0.0;             ///< part of the natural contact area that the splint keeps
+  struct SurfaceError {
+    double mean_abs_mm = 0.0, p99_mm = 0.0, max_mm = 0.0;
+    std::size_t samples = 0;
+  } contact_surface_error;  ///< of the splint against (T_th S_occ) less L_TP, within the contacts
+  std::vector<Aperture> apertures;
+  std::optional<PredictedSeating> predicted_seating;
+};
+
+/// A bar that the result must meet.
+struct Gate {
+  std::string name;
+  double value = 0.0;
+  double limit = 0.0;
+  bool pass = false;
+  bool blocks = true;  ///< a failed gate that blocks makes the verdict "fail"
+};
+
+}  // namespace gnathion
