@@ -1,20 +1,2 @@
-// The one seam between instruments and everything above: devices, recordings and the phantom are
-// sources, and nothing above can tell them apart.
 #pragma once
-
-#include <optional>
-
-#include "acquisition/sample.h"
-#include "core/result.h"
-
-namespace gnathion {
-
-/// Pulled, never slept: next() blocks only as long as a live device needs. One thread at a time.
-class Source {
- public:
-  virtual ~Source() = default;
-  /// The next sample in order of capture time; nothing at the end. After an error the source is over.
-  virtual Result<std::optional<Sample>> next() = 0;
-};
-
-}  // namespace gnathion
+#include "core/source.h"

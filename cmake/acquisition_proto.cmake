@@ -1,10 +1,16 @@
-# The message types of recordings, generated from proto/.
-file(GLOB proto_files CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/proto/*.proto ${CMAKE_SOURCE_DIR}/proto/*/*.proto)
-if(proto_files)
-  add_library(gn_proto STATIC ${proto_files})
-  target_link_libraries(gn_proto PUBLIC protobuf::libprotobuf)
-  target_include_directories(gn_proto SYSTEM PUBLIC ${CMAKE_BINARY_DIR}/proto_gen)
-  file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/proto_gen)
-  protobuf_generate(TARGET gn_proto IMPORT_DIRS ${CMAKE_SOURCE_DIR}/proto PROTOC_OUT_DIR ${CMAKE_BINARY_DIR}/proto_gen)
-  target_compile_options(gn_proto PRIVATE -w)
-endif()
+# The message types of recordings, generated from proto/ with that folder as the import root.
+file(GLOB_RECURSE proto_files CONFIGURE_DEPENDS RELATIVE ${CMAKE_SOURCE_DIR}/proto ${CMAKE_SOURCE_DIR}/proto/*.proto)
+set(proto_out ${CMAKE_BINARY_DIR}/proto_gen)
+file(MAKE_DIRECTORY ${proto_out})
+set(proto_sources "")
+foreach(proto ${proto_files})
+  string(REGEX REPLACE "\\.proto$" "" stem ${proto})
+  add_custom_command(OUTPUT ${proto_out}/${stem}.pb.cc ${proto_out}/${stem}.pb.h
+    COMMAND protobuf::protoc --cpp_out ${proto_out} -I ${CMAKE_SOURCE_DIR}/proto ${proto}
+    DEPENDS ${CMAKE_SOURCE_DIR}/proto/${proto} VERBATIM)
+  list(APPEND proto_sources ${proto_out}/${stem}.pb.cc)
+endforeach()
+add_library(gn_proto STATIC ${proto_sources})
+target_link_libraries(gn_proto PUBLIC protobuf::libprotobuf)
+target_include_directories(gn_proto SYSTEM PUBLIC ${proto_out})
+target_compile_options(gn_proto PRIVATE -w)
