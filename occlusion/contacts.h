@@ -21,8 +21,9 @@ struct SurfaceSample {
   std::uint32_t triangle = 0;
   std::uint32_t vertex = 0;  ///< nearest corner of the triangle, for labels
 };
-/// Every triangle with a corner in `box` cut into equal pieces with edges no longer than step_mm.
-std::vector<SurfaceSample> sample_surface(const TriangleMesh& mesh, double step_mm, const Box& box);
+/// The wanted triangles (empty: all) cut into equal pieces with edges no longer than step_mm.
+std::vector<SurfaceSample> sample_surface(const TriangleMesh& mesh, double step_mm,
+                                          const std::vector<bool>& triangle_wanted = {});
 
 /// Signed distance from each (displaced) point to `surface`: negative inside, +infinity beyond
 /// max_mm. In parallel; the result does not depend on the number of threads.
