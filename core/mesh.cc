@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "core/check.h"
+#include "core/mesh_edges.h"
 
 namespace gnathion {
 namespace {
@@ -23,8 +24,9 @@ std::uint64_t hash_point(const Vector3& p) {
   return h;
 }
 
-/// For each vertex the index of the first vertex equal to it (open addressing, linear probing).
-std::vector<std::uint32_t> first_equal_vertex(const std::vector<Vector3>& vertices) {
+}  // namespace
+
+std::vector<std::uint32_t> first_equal_vertices(const std::vector<Vector3>& vertices) {
   std::size_t slots = 16;
   while (slots < 2 * vertices.size()) slots *= 2;
   std::vector<std::uint32_t> table(slots, kNone), first(vertices.size());
@@ -36,8 +38,6 @@ std::vector<std::uint32_t> first_equal_vertex(const std::vector<Vector3>& vertic
   }
   return first;
 }
-
-}  // namespace
 
 Box bounding_box(const TriangleMesh& mesh) {
   Box box;
@@ -139,7 +139,7 @@ Vector3 surface_centroid_mm(const TriangleMesh& mesh) {
 }
 
 TriangleMesh welded_exactly(const TriangleMesh& mesh) {
-  const std::vector<std::uint32_t> first = first_equal_vertex(mesh.vertices_mm);
+  const std::vector<std::uint32_t> first = first_equal_vertices(mesh.vertices_mm);
   const bool coloured = mesh.colors_rgb.size() == mesh.vertices_mm.size();
   TriangleMesh result;
   result.texture_file = mesh.texture_file;

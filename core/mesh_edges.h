@@ -47,6 +47,9 @@ inline bool has_repeated_index(const Triangle& t) {
   return t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
 }
 
+/// For each vertex the first vertex with exactly the same coordinates (+0 and −0 are the same).
+std::vector<std::uint32_t> first_equal_vertices(const std::vector<Vector3>& vertices);
+
 /// Disjoint sets over 0..n-1; the smallest member is the root.
 class DisjointSets {
  public:
