@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/source.h"
 #include "core/camera_model.h"
 #include "core/progress.h"
+#include "core/source.h"
 #include "core/transform.h"
 #include "tracking/body_tracker.h"
 

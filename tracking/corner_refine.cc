@@ -1,0 +1,542 @@
+#include "tracking/corner_refine.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+namespace gnathion {
+namespace {
+
+using Vector2 = Eigen::Vector2d;
+
+constexpr int kParameters = 7;  // a, b, σ, B, B', C, C'
+using Vector7 = Eigen::Matrix<double, kParameters, 1>;
+using Matrix7 = Eigen::Matrix<double, kParameters, kParameters>;
+
+constexpr double kMinContrastGrey = 15;
+constexpr double kMinSidePx = 10;
+constexpr double kMinCellPx = 1.6;
+
+/// Cumulative normal distribution, by table with linear interpolation (error below 4e-6).
+class NormalTable {
+ public:
+  NormalTable() {
+    for (int i = 0; i <= kSize; ++i) {
+      const double z = -kRange + i / kPerUnit;
+      cumulative_[static_cast<std::size_t>(i)] = 0.5 * std::erfc(-z * M_SQRT1_2);
+      density_[static_cast<std::size_t>(i)] = std::exp(-0.5 * z * z) * 0.3989422804014327;
+    }
+  }
+  double cumulative(double z) const { return at(cumulative_, z); }
+  double density(double z) const { return at(density_, z); }
+
+ private:
+  static constexpr double kRange = 5.0, kPerUnit = 128.0;
+  static constexpr int kSize = 1280;
+  using Table = std::array<double, kSize + 2>;
+  static double at(const Table& table, double z) {
+    const double position = (std::clamp(z, -kRange, kRange) + kRange) * kPerUnit;
+    const int i = static_cast<int>(position);
+    const double f = position - i;
+    const std::size_t k = static_cast<std::size_t>(i);
+    return table[k] * (1 - f) + table[k + 1] * f;
+  }
+  Table cumulative_{}, density_{};
+};
+const NormalTable kNormal;
+
+double sample(const Image8& image, const Vector2& p) {
+  const int x = static_cast<int>(p.x()), y = static_cast<int>(p.y());
+  const double fx = p.x() - x, fy = p.y() - y;
+  const std::uint8_t* row =
+      &image.pixels[static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width_px) +
+                    static_cast<std::size_t>(x)];
+  const std::uint8_t* next = row + image.width_px;
+  return (1 - fy) * ((1 - fx) * row[0] + fx * row[1]) + fy * ((1 - fx) * next[0] + fx * next[1]);
+}
+
+bool inside(const Image8& image, const Vector2& p, double margin_px) {
+  return p.x() >= margin_px && p.y() >= margin_px && p.x() <= image.width_px - 1 - margin_px - 1e-9 &&
+         p.y() <= image.height_px - 1 - margin_px - 1e-9;
+}
+
+/// A side between two corners, with all that is known of it before its fit.
+struct Side {
+  Vector2 start, along, normal;  ///< `normal` points outward (to the white margin)
+  double length_px = 0, sagitta_px = 0;
+  double in0 = 0, in1 = 0, out0 = 0, out1 = 0;  ///< width of the cell inside and outside, at u = 0 and 1, px
+  std::vector<double> inner_white;              ///< w(u) on a grid of u, kGrid steps a pixel
+
+  double cell_in(double u) const { return in0 + (in1 - in0) * u; }
+  double cell_out(double u) const { return out0 + (out1 - out0) * u; }
+  double least_cell() const { return std::min(std::min(in0, in1), std::min(out0, out1)); }
+  /// Distance outward from the side as it is assumed, sagitta included.
+  double distance(const Vector2& p, double* u) const {
+    const Vector2 q = p - start;
+    *u = along.dot(q) / length_px;
+    return normal.dot(q) - 4 * sagitta_px * *u * (1 - *u);
+  }
+};
+
+struct EdgeFit {
+  Vector7 x = Vector7::Zero();
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< of a, b
+  double noise_grey = 0;
+  double blur_px() const { return x[2]; }
+  double contrast_grey() const { return x[5]; }
+};
+
+constexpr double kGrid = 4;  // steps a pixel of inner_white
+
+Vector2 apply(const Matrix3& h, double x, double y) {
+  return (h * Vector3(x, y, 1)).hnormalized();
+}
+
+/// w(u): how white the first inner row is along the side, blurred along it.
+std::vector<double> inner_row(const Side& side, const Matrix3& h, const TagFamily& family, int id, int k,
+                              double blur_px) {
+  const int n = family.square_cells();
+  const auto cell_point = [&](double i, double depth) {  // i along the side in its direction, depth inward
+    switch (k) {
+      case 0:
+        return apply(h, i, n - depth);
+      case 1:
+        return apply(h, n - depth, n - i);
+      case 2:
+        return apply(h, n - i, depth);
+      default:
+        return apply(h, depth, i);
+    }
+  };
+  const auto white = [&](int i) {
+    switch (k) {
+      case 0:
+        return family.white(id, i, n - 2);
+      case 1:
+        return family.white(id, n - 2, n - 1 - i);
+      case 2:
+        return family.white(id, n - 1 - i, 1);
+      default:
+        return family.white(id, 1, i);
+    }
+  };
+  std::vector<double> w(static_cast<std::size_t>(side.length_px * kGrid) + 3, 0.0);
+  for (int i = 1; i + 1 < n; ++i) {
+    if (!white(i)) continue;
+    int last = i;
+    while (last + 2 < n && white(last + 1)) ++last;
+    const double from = side.along.dot(cell_point(i, 1.0) - side.start);
+    const double to = side.along.dot(cell_point(last + 1, 1.0) - side.start);
+    for (std::size_t g = 0; g < w.size(); ++g) {
+      const double s = static_cast<double>(g) / kGrid;
+      w[g] += kNormal.cumulative((s - from) / blur_px) - kNormal.cumulative((s - to) / blur_px);
+    }
+    i = last;
+  }
+  return w;
+}
+
+/// How far a straight edge of space bows out of its chord in the image, at its middle.
+double sagitta(const CameraModel& camera, const Vector2& a, const Vector2& b, const Vector2& normal) {
+  if (camera.k1 == 0 && camera.k2 == 0 && camera.k3 == 0 && camera.p1 == 0 && camera.p2 == 0) return 0;
+  const Vector2 middle = camera.distort(0.5 * (camera.undistorted(a) + camera.undistorted(b)));
+  const Vector2 pixel(camera.fx_px * middle.x() + camera.cx_px, camera.fy_px * middle.y() + camera.cy_px);
+  return normal.dot(pixel - 0.5 * (a + b));
+}
+
+std::optional<Side> make_side(const CameraModel& camera, const TagFamily& family, const TagCorners& corners,
+                              const Matrix3& h, int k) {
+  Side side;
+  const Vector2& a = corners[static_cast<std::size_t>(k)];
+  const Vector2& b = corners[static_cast<std::size_t>((k + 1) % 4)];
+  side.start = a;
+  side.length_px = (b - a).norm();
+  if (!(side.length_px >= kMinSidePx)) return std::nullopt;
+  side.along = (b - a) / side.length_px;
+  side.normal = Vector2(-side.along.y(), side.along.x());
+  side.sagitta_px = sagitta(camera, a, b, side.normal);
+  // Parallel lines one cell inside and outside: their distance is linear along the side.
+  const int n = family.square_cells();
+  const auto depth_point = [&](double i, double depth) {
+    switch (k) {
+      case 0:
+        return apply(h, i, n - depth);
+      case 1:
+        return apply(h, n - depth, n - i);
+      case 2:
+        return apply(h, n - i, depth);
+      default:
+        return apply(h, depth, i);
+    }
+  };
+  const auto distance_at = [&](double depth, double u) {
+    const Vector2 p = depth_point(0, depth) - a, q = depth_point(n, depth) - a;
+    const double s0 = side.along.dot(p), s1 = side.along.dot(q);
+    const double d0 = side.normal.dot(p), d1 = side.normal.dot(q);
+    return d0 + (d1 - d0) * (u * side.length_px - s0) / (s1 - s0);
+  };
+  side.in0 = -distance_at(1, 0);
+  side.in1 = -distance_at(1, 1);
+  side.out0 = distance_at(-1, 0);
+  side.out1 = distance_at(-1, 1);
+  if (!(side.least_cell() >= kMinCellPx)) return std::nullopt;
+  return side;
+}
+
+/// Offset a and slope b of the strongest dark-to-bright edge, by profiles across the side.
+bool find_edge(const Image8& image, const Side& side, double* offset, double* slope) {
+  constexpr int kProfiles = 9, kMinInliers = 6;
+  std::array<double, kProfiles> at{}, v{};
+  int found = 0;
+  for (int i = 0; i < kProfiles; ++i) {
+    const double u = 0.12 + 0.76 * i / (kProfiles - 1);
+    const double reach = std::min(7.0, 1.4 * std::min(side.cell_in(u), side.cell_out(u)) + 0.5);
+    const Vector2 foot =
+        side.start + u * side.length_px * side.along + 4 * side.sagitta_px * u * (1 - u) * side.normal;
+    const int steps = static_cast<int>(reach);
+    if (!inside(image, foot + (steps + 1) * side.normal, 1) ||
+        !inside(image, foot - (steps + 1) * side.normal, 1)) {
+      continue;
+    }
+    std::array<double, 18> grey{};
+    for (int s = -steps - 1; s <= steps + 1; ++s) {
+      grey[static_cast<std::size_t>(s + steps + 1)] = sample(image, foot + s * side.normal);
+    }
+    double best = kMinContrastGrey * 0.5, where = 0;
+    bool any = false;
+    for (int s = -steps; s <= steps; ++s) {
+      const std::size_t g = static_cast<std::size_t>(s + steps + 1);
+      const double rise = grey[g + 1] - grey[g - 1];
+      if (rise > best) {
+        best = rise;
+        const double before = grey[g] - (g >= 2 ? grey[g - 2] : grey[0]);
+        const double after = (g + 2 < grey.size() && s < steps ? grey[g + 2] : grey[g + 1]) - grey[g];
+        const double bend = before - 2 * rise + after;
+        where = s + (bend < -1e-9 ? std::clamp(0.5 * (before - after) / bend, -0.5, 0.5) : 0.0);
+        any = true;
+      }
+    }
+    if (!any) continue;
+    at[static_cast<std::size_t>(found)] = where;
+    v[static_cast<std::size_t>(found)] = u - 0.5;
+    ++found;
+  }
+  if (found < kMinInliers) return false;
+  // The line through two profiles that most others agree with, then least squares over those.
+  const auto agrees = [&](int i, double a, double b) {
+    return std::abs(at[static_cast<std::size_t>(i)] - a - b * v[static_cast<std::size_t>(i)]) < 0.8;
+  };
+  int most = 0;
+  double best_a = 0, best_b = 0;
+  for (int i = 0; i < found; ++i) {
+    for (int j = i + 2; j < found; ++j) {
+      const std::size_t p = static_cast<std::size_t>(i), q = static_cast<std::size_t>(j);
+      const double b = (at[q] - at[p]) / (v[q] - v[p]), a = at[p] - b * v[p];
+      int count = 0;
+      for (int m = 0; m < found; ++m) count += agrees(m, a, b);
+      if (count > most) most = count, best_a = a, best_b = b;
+    }
+  }
+  if (most < kMinInliers) return false;
+  double n = 0, sv = 0, svv = 0, sd = 0, sdv = 0;
+  for (int i = 0; i < found; ++i) {
+    if (!agrees(i, best_a, best_b)) continue;
+    const double vi = v[static_cast<std::size_t>(i)], di = at[static_cast<std::size_t>(i)];
+    n += 1, sv += vi, svv += vi * vi, sd += di, sdv += di * vi;
+  }
+  const double determinant = n * svv - sv * sv;
+  *slope = (n * sdv - sv * sd) / determinant;
+  *offset = (sd - *slope * sv) / n;
+  return true;
+}
+
+/// Calls visit(grey, u, d) for each pixel of the strip −in(u) ≤ d ≤ out(u), away from the corners.
+template <class Visit>
+bool for_strip(const Image8& image, const Side& side, double reach_px, double blur_px, Visit&& visit) {
+  const double end_margin = std::min(1.0 + 2.0 * blur_px, 0.25 * side.length_px);
+  const double u_min = end_margin / side.length_px, u_max = 1 - u_min;
+  const double out_most = std::max(side.out0, side.out1);
+  const double reach = std::min(reach_px, out_most + 4) + std::abs(side.sagitta_px);
+  const Vector2 ends[4] = {side.start + reach * side.normal, side.start - reach * side.normal,
+                           side.start + side.length_px * side.along + reach * side.normal,
+                           side.start + side.length_px * side.along - reach * side.normal};
+  for (const Vector2& e : ends) {
+    if (!inside(image, e, 0)) return false;
+  }
+  const bool by_column = std::abs(side.along.x()) >= std::abs(side.along.y());
+  const int major = by_column ? 0 : 1, minor = 1 - major;
+  const Vector2 last = side.start + side.length_px * side.along;
+  const int from = static_cast<int>(std::ceil(std::min(side.start[major], last[major])));
+  const int to = static_cast<int>(std::floor(std::max(side.start[major], last[major])));
+  const double half = reach / std::abs(side.normal[minor]);
+  for (int i = from; i <= to; ++i) {
+    const double on_line =
+        side.start[minor] + (i - side.start[major]) * side.along[minor] / side.along[major];
+    const int lo = std::max(0, static_cast<int>(std::ceil(on_line - half)));
+    const int hi = std::min((by_column ? image.height_px : image.width_px) - 1,
+                            static_cast<int>(std::floor(on_line + half)));
+    for (int j = lo; j <= hi; ++j) {
+      const Vector2 p = by_column ? Vector2(i, j) : Vector2(j, i);
+      double u;
+      const double d = side.distance(p, &u);
+      if (u < u_min || u > u_max) continue;
+      const double inner = std::min(reach_px, side.cell_in(u));
+      const double outer = std::min(reach_px, std::max(side.cell_out(u) - 1.5 * blur_px, 1.0));
+      if (d < -inner || d > outer) continue;
+      visit(static_cast<double>(by_column ? image.at(i, j) : image.at(j, i)), u, d);
+    }
+  }
+  return true;
+}
+
+/// One linearisation: the normal matrix, gradient and squared residuals at `x`.
+bool accumulate(const Image8& image, const Side& side, double reach_px, double blur_px, const Vector7& x,
+                Matrix7* n, Vector7* g, double* squares, int* count) {
+  n->setZero();
+  g->setZero();
+  *squares = 0;
+  *count = 0;
+  const double inverse_sigma = 1 / x[2];
+  const double per_u = side.length_px * kGrid;
+  return for_strip(image, side, reach_px, blur_px, [&](double grey, double u, double d0) {
+    const double v = u - 0.5;
+    const double z = (d0 - x[0] - x[1] * v) * inverse_sigma;
+    const double phi = kNormal.cumulative(z), density = kNormal.density(z);
+    double profile = phi, slope = density, spread = density * z;
+    const double zi = -z - side.cell_in(u) * inverse_sigma;
+    if (zi > -3.5) {
+      const double where = u * per_u;
+      const std::size_t k = static_cast<std::size_t>(where);
+      const double f = where - static_cast<double>(k);
+      const double w = side.inner_white[k] * (1 - f) + side.inner_white[k + 1] * f;
+      const double inner_density = w * kNormal.density(zi);
+      profile += w * kNormal.cumulative(zi);
+      slope -= inner_density;
+      spread += inner_density * zi;
+    }
+    const double contrast = x[5] + x[6] * v;
+    const double residual = grey - (x[3] + x[4] * v + contrast * profile);
+    const double da = -contrast * slope * inverse_sigma;
+    Vector7 j;
+    j << da, da * v, -contrast * spread * inverse_sigma, 1, v, profile, profile * v;
+    n->selfadjointView<Eigen::Lower>().rankUpdate(j);
+    *g += residual * j;
+    *squares += residual * residual;
+    ++*count;
+  });
+}
+
+double reach_of(double blur_px) {
+  return std::clamp(2.6 * blur_px + 0.6, 2.2, 7.0);
+}
+
+/// Gauss–Newton over the strip from `fit` on.
+bool fit_edge(const Image8& image, const Side& side, int iterations, EdgeFit* fit) {
+  Matrix7 n;
+  Vector7 g;
+  double squares = 0;
+  int count = 0;
+  const double blur_limit = 0.8 * side.least_cell() + 0.4;
+  const double strip_blur = std::min(fit->x[2], blur_limit);  // the set of pixels stays fixed while iterating
+  const double reach = reach_of(strip_blur);
+  for (int i = 0;; ++i) {
+    if (!accumulate(image, side, reach, strip_blur, fit->x, &n, &g, &squares, &count)) return false;
+    if (count < 3 * kParameters) return false;
+    const Eigen::LDLT<Matrix7, Eigen::Lower> solver(n);
+    if (solver.info() != Eigen::Success || !solver.isPositive()) return false;
+    Vector7 step = solver.solve(g);
+    if (!step.allFinite()) return false;
+    const double longest = std::max(std::abs(step[0]), 0.5 * std::abs(step[1]));
+    if (longest > 1.0) step *= 1.0 / longest;
+    step[2] = std::clamp(step[2], -0.4 * fit->x[2], 0.7 * fit->x[2]);
+    fit->x += step;
+    fit->x[2] = std::clamp(fit->x[2], 0.25, std::max(blur_limit, 0.6));
+    const bool settled = longest < 2e-3;
+    if (settled || i + 1 >= iterations) {
+      const double variance = squares / (count - kParameters);
+      fit->noise_grey = std::sqrt(variance);
+      fit->covariance = variance * solver.solve(Matrix7::Identity()).topLeftCorner<2, 2>();
+      return true;
+    }
+  }
+}
+
+/// Where two neighbouring sides, as fitted, cross; `m` takes d(corner)/d(a, b of `before`, a, b of `after`).
+std::optional<Vector2> crossing(const Side& before, const EdgeFit& fit_before, const Side& after,
+                                const EdgeFit& fit_after, Eigen::Matrix<double, 2, 4>* m) {
+  Vector2 p = after.start;
+  Eigen::Matrix2d j;
+  double u0 = 0, u1 = 0;
+  const auto value = [](const Side& side, const EdgeFit& fit, const Vector2& at, double* u,
+                        Vector2* gradient) {
+    const double d = side.distance(at, u);
+    *gradient = side.normal - (4 * side.sagitta_px * (1 - 2 * *u) + fit.x[1]) / side.length_px * side.along;
+    return d - fit.x[0] - fit.x[1] * (*u - 0.5);
+  };
+  for (int i = 0; i < 4; ++i) {
+    Vector2 g0, g1, f;
+    f[0] = value(before, fit_before, p, &u0, &g0);
+    f[1] = value(after, fit_after, p, &u1, &g1);
+    j.row(0) = g0;
+    j.row(1) = g1;
+    if (std::abs(j.determinant()) < 0.05) return std::nullopt;
+    const Vector2 step = j.inverse() * f;
+    p -= step;
+    if (step.squaredNorm() < 1e-14) break;
+  }
+  if (m != nullptr) {
+    const Eigen::Matrix2d inverse = j.inverse();
+    m->col(0) = inverse.col(0);
+    m->col(1) = inverse.col(0) * (u0 - 0.5);
+    m->col(2) = inverse.col(1);
+    m->col(3) = inverse.col(1) * (u1 - 0.5);
+  }
+  return p;
+}
+
+std::optional<TagCorners> crossings(const std::array<Side, 4>& sides, const std::array<EdgeFit, 4>& fits,
+                                    Matrix8* covariance) {
+  TagCorners corners;
+  Eigen::Matrix<double, 8, 8> map = Matrix8::Zero(), errors = Matrix8::Zero();
+  for (int k = 0; k < 4; ++k) {
+    const int b = (k + 3) % 4;
+    const std::size_t before = static_cast<std::size_t>(b), after = static_cast<std::size_t>(k);
+    Eigen::Matrix<double, 2, 4> m;
+    const auto p = crossing(sides[before], fits[before], sides[after], fits[after], &m);
+    if (!p) return std::nullopt;
+    corners[after] = *p;
+    map.block<2, 2>(2 * k, 2 * b) = m.leftCols<2>();
+    map.block<2, 2>(2 * k, 2 * k) = m.rightCols<2>();
+    errors.block<2, 2>(2 * k, 2 * k) = fits[after].covariance;
+  }
+  if (covariance != nullptr) *covariance = map * errors * map.transpose();
+  return corners;
+}
+
+bool convex(const TagCorners& c) {
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Vector2 a = c[(k + 1) % 4] - c[k], b = c[(k + 2) % 4] - c[(k + 1) % 4];
+    if (!(a.x() * b.y() - a.y() * b.x() < 0)) return false;  // counter-clockwise as seen, y down
+  }
+  return true;
+}
+
+bool make_sides(const CameraModel& camera, const TagFamily& family, const TagCorners& corners, Matrix3* h,
+                std::array<Side, 4>* sides) {
+  if (!convex(corners)) return false;
+  *h = pixels_from_cells(corners, family.square_cells());
+  for (int k = 0; k < 4; ++k) {
+    auto side = make_side(camera, family, corners, *h, k);
+    if (!side) return false;
+    (*sides)[static_cast<std::size_t>(k)] = std::move(*side);
+  }
+  return true;
+}
+
+/// Corners to about half a pixel, from profiles.
+std::optional<TagCorners> snap(const Image8& image, const CameraModel& camera, const TagFamily& family,
+                               const TagCorners& start) {
+  std::array<Side, 4> sides;
+  std::array<EdgeFit, 4> fits;
+  Matrix3 h;
+  if (!make_sides(camera, family, start, &h, &sides)) return std::nullopt;
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (!find_edge(image, sides[k], &fits[k].x[0], &fits[k].x[1])) return std::nullopt;
+  }
+  return crossings(sides, fits, nullptr);
+}
+
+/// Black and white levels at the start of a fit, from the strip's inner and outer halves.
+void start_levels(const Image8& image, const Side& side, EdgeFit* fit) {
+  double black = 0, white = 0;
+  int blacks = 0, whites = 0;
+  for_strip(image, side, reach_of(fit->x[2]), fit->x[2], [&](double grey, double, double d) {
+    if (d < -1) black += grey, ++blacks;
+    if (d > 1) white += grey, ++whites;
+  });
+  fit->x[3] = blacks ? black / blacks : 0;
+  fit->x[5] = (whites ? white / whites : 255) - fit->x[3];
+}
+
+bool plausible(const Side& side, const EdgeFit& fit) {
+  return fit.contrast_grey() >= kMinContrastGrey && fit.noise_grey <= 4.0 + 0.10 * fit.contrast_grey() &&
+         fit.blur_px() <= 0.8 * side.least_cell() + 0.35 && std::abs(fit.x[0]) <= 3 &&
+         std::abs(fit.x[1]) <= 4;
+}
+
+}  // namespace
+
+Matrix3 pixels_from_cells(const TagCorners& c, int square_cells) {
+  // The unit square's map in closed form (Heckbert 1989, section 2.2.3), then cells.
+  const Vector2 &p00 = c[3], &p10 = c[2], &p11 = c[1], &p01 = c[0];
+  const Vector2 d1 = p10 - p11, d2 = p01 - p11, s = p00 - p10 + p11 - p01;
+  const double determinant = d1.x() * d2.y() - d2.x() * d1.y();
+  const double g = (s.x() * d2.y() - d2.x() * s.y()) / determinant;
+  const double h = (d1.x() * s.y() - s.x() * d1.y()) / determinant;
+  Matrix3 m;
+  m << p10.x() - p00.x() + g * p10.x(), p01.x() - p00.x() + h * p01.x(), p00.x(),  //
+      p10.y() - p00.y() + g * p10.y(), p01.y() - p00.y() + h * p01.y(), p00.y(),   //
+      g, h, 1;
+  m.leftCols<2>() /= square_cells;
+  return m;
+}
+
+std::optional<RefinedCorners> refine_corners(const Image8& image, const CameraModel& camera,
+                                             const TagFamily& family, int id, const TagCorners& start_px) {
+  auto corners = snap(image, camera, family, start_px);
+  if (!corners) return std::nullopt;
+  std::array<Side, 4> sides;
+  std::array<EdgeFit, 4> fits;
+  RefinedCorners result;
+  for (int pass = 0; pass < 2; ++pass) {  // the second pass cuts its strips where the first found the edges
+    Matrix3 h;
+    if (!make_sides(camera, family, *corners, &h, &sides)) return std::nullopt;
+    for (int k = 0; k < 4; ++k) {
+      Side& side = sides[static_cast<std::size_t>(k)];
+      EdgeFit& fit = fits[static_cast<std::size_t>(k)];
+      if (pass == 0) fit.x[2] = 0.9;
+      side.inner_white = inner_row(side, h, family, id, k, fit.x[2]);
+      if (pass == 0) start_levels(image, side, &fit);
+      fit.x[0] = fit.x[1] = 0;
+      if (!fit_edge(image, side, pass == 0 ? 4 : 8, &fit)) return std::nullopt;
+      if (pass == 1 && !plausible(side, fit)) return std::nullopt;
+    }
+    corners = crossings(sides, fits, pass == 1 ? &result.covariance_px2 : nullptr);
+    if (!corners || !convex(*corners)) return std::nullopt;
+  }
+  result.corners_px = *corners;
+  for (const EdgeFit& fit : fits) {
+    result.black_grey += 0.25 * fit.x[3];
+    result.contrast_grey += 0.25 * fit.x[5];
+    result.noise_grey += 0.25 * fit.noise_grey;
+    result.blur_px = std::max(result.blur_px, fit.blur_px());
+  }
+  return result;
+}
+
+BitCheck check_bits(const Image8& image, const TagFamily& family, int id, const RefinedCorners& corners) {
+  const int n = family.square_cells();
+  const Matrix3 h = pixels_from_cells(corners.corners_px, n);
+  const double threshold = corners.black_grey + 0.5 * corners.contrast_grey;
+  BitCheck check;
+  int bits = 0;
+  for (int y = 1; y + 1 < n; ++y) {
+    for (int x = 1; x + 1 < n; ++x, ++bits) {
+      const Vector2 p = apply(h, x + 0.5, y + 0.5);
+      if (!inside(image, p, 0)) {
+        ++check.wrong;
+        continue;
+      }
+      const double above = sample(image, p) - threshold;
+      const double signed_margin = family.white(id, x, y) ? above : -above;
+      check.wrong += signed_margin < 0;
+      check.margin_grey += signed_margin;
+    }
+  }
+  check.margin_grey /= bits;
+  return check;
+}
+
+}  // namespace gnathion
