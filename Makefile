@@ -1,0 +1,47 @@
+# make demo: install, build, run the main job on the phantom patient.   make test: install, build, test.
+SHELL := /bin/bash
+BUILD := build/release
+JOBS ?= $(shell nproc)
+BIN := $(BUILD)/bin
+
+.PHONY: all deps build demo test bench fuzz asan tsan tidy format clean
+
+all: build
+
+deps:
+	@bash packaging/install-deps.sh
+
+$(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json
+	@cmake --preset release
+
+build: deps
+	@cmake --preset release > /dev/null
+	@cmake --build $(BUILD) -j $(JOBS)
+
+demo: deps
+	@cmake --preset release > /dev/null
+	@cmake --build $(BUILD) -j $(JOBS) --target gnathion gnathion-viewer
+	@$(BIN)/gnathion demo --out demo --force
+
+test: build
+	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
+
+bench: build
+	@$(BIN)/gnathion_bench --benchmark_counters_tabular=true
+
+fuzz: deps
+	@cmake --preset fuzz > /dev/null && cmake --build build/fuzz -j $(JOBS) --target mesh_fuzz recording_fuzz transform_fuzz
+	@for t in mesh recording transform; do mkdir -p build/fuzz/corpus/$$t; \
+	  build/fuzz/bin/$${t}_fuzz -max_total_time=60 -rss_limit_mb=2048 build/fuzz/corpus/$$t tests/fuzz/corpus/$$t || exit 1; done
+
+asan tsan: deps
+	@cmake --preset $@ > /dev/null && cmake --build build/$@ -j $(JOBS) && ctest --test-dir build/$@ --output-on-failure
+
+tidy: deps
+	@cmake --preset tidy > /dev/null && cmake --build build/tidy -j $(JOBS)
+
+format:
+	@git ls-files '*.h' '*.cc' | xargs clang-format-14 -i
+
+clean:
+	@rm -rf build
