@@ -40,7 +40,8 @@ std::vector<Vector3> points_of(const std::vector<SurfaceSample>& samples) {
   return out;
 }
 
-/// Samples of `mesh` that may be no farther than limit_mm from `other`, with their signed gaps.
+/// Samples of `mesh` that may be no farther than limit_mm from `other`, or nearest to it, with their signed
+/// gaps.
 struct NearSamples {
   std::vector<SurfaceSample> samples;
   std::vector<double> gap_mm;
@@ -48,8 +49,11 @@ struct NearSamples {
 NearSamples near_samples(const TriangleMesh& mesh, const Rigid3& motion, const MeshQuery& other,
                          const Vector3& outward, double limit_mm, double reach_mm, double step_mm) {
   const auto at_vertex = signed_gaps_mm(mesh.vertices_mm, motion, other, outward, reach_mm);
+  const double nearest =
+      at_vertex.empty() ? kInfinity : *std::min_element(at_vertex.begin(), at_vertex.end());
   NearSamples out;
-  out.samples = sample_surface(mesh, step_mm, near_triangles(mesh, at_vertex, limit_mm));
+  if (nearest == kInfinity) return out;
+  out.samples = sample_surface(mesh, step_mm, near_triangles(mesh, at_vertex, std::max(limit_mm, nearest)));
   out.gap_mm = signed_gaps_mm(points_of(out.samples), motion, other, outward, reach_mm);
   return out;
 }
@@ -128,9 +132,9 @@ std::vector<double> signed_gaps_mm(const std::vector<Vector3>& points_mm, const 
 Overlap find_overlap(const MeshQuery& maxilla, const MeshQuery& mandible, const Rigid3& motion,
                      const Vector3& up, double step_mm, double search_mm) {
   const Rigid3 back = motion.inverse();
-  const auto lower = near_samples(mandible.mesh(), motion, maxilla, -up, step_mm, search_mm, step_mm);
+  const auto lower = near_samples(mandible.mesh(), motion, maxilla, -up, 0.0, search_mm, step_mm);
   const auto upper =
-      near_samples(maxilla.mesh(), back, mandible, back.rotation * up, step_mm, search_mm, step_mm);
+      near_samples(maxilla.mesh(), back, mandible, back.rotation * up, 0.0, search_mm, step_mm);
   Overlap out;
   double nearest = search_mm;
   auto look = [&](const NearSamples& side, const Rigid3& to_dental) {
