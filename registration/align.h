@@ -31,7 +31,7 @@ struct AlignOptions {
   double gate_mm = 2.0;
   /// 1σ of an unknown relative scale between the surfaces (0.0005 = 0.05 %); enters the covariance only.
   double scale_sigma = 0.0;
-  /// Points of the fit, and besides them a fifth as many held out.
+  /// Points of the fit; besides them, a quarter as many (20 % of all) are held out.
   std::size_t points = 8000;
   std::uint64_t seed = 1;
   /// What is aligned, for errors: "face scan in TP".

@@ -1,0 +1,257 @@
+#include "registration/residual_noise.h"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <tuple>
+
+namespace gnathion {
+namespace {
+
+constexpr std::size_t kNoiseSamples = 320;  // Cholesky of this size is a few milliseconds
+constexpr std::size_t kMaxCells = 1500;
+
+struct NoiseData {
+  Eigen::VectorXd residuals;
+  Eigen::MatrixXd jacobian;   // N×6
+  Eigen::MatrixXd distance2;  // N×N
+  Eigen::MatrixXd cosine;     // N×N, of the normals
+};
+
+NoiseData gather(const std::vector<PlanePair>& pairs, const Rigid3& x) {
+  std::vector<const PlanePair*> used;
+  for (const PlanePair& p : pairs) {
+    if (p.weight > 0.0) used.push_back(&p);
+  }
+  const std::size_t n = std::min(kNoiseSamples, used.size());
+  NoiseData data;
+  data.residuals.resize(static_cast<long>(n));
+  data.jacobian.resize(static_cast<long>(n), 6);
+  data.distance2.resize(static_cast<long>(n), static_cast<long>(n));
+  data.cosine.resize(static_cast<long>(n), static_cast<long>(n));
+  std::vector<const PlanePair*> chosen;
+  for (std::size_t i = 0; i < n; ++i) chosen.push_back(used[i * used.size() / n]);
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto row = static_cast<long>(i);
+    data.residuals[row] = chosen[i]->residual_mm(x);
+    data.jacobian.row(row) = chosen[i]->jacobian(x).transpose();
+    for (std::size_t k = 0; k < n; ++k) {
+      data.distance2(row, static_cast<long>(k)) = (chosen[i]->target_mm - chosen[k]->target_mm).squaredNorm();
+      data.cosine(row, static_cast<long>(k)) = chosen[i]->normal.dot(chosen[k]->normal);
+    }
+  }
+  // Scaled columns keep the 6×6 of the restricted likelihood well conditioned.
+  for (int k = 0; k < 6; ++k) data.jacobian.col(k) /= std::max(1e-9, data.jacobian.col(k).norm());
+  return data;
+}
+
+struct NoiseModel {
+  double length_mm = 1.0, share = 0.0;  // share of the variance that is correlated
+  bool vector_field = false;
+  double log_likelihood = -std::numeric_limits<double>::infinity();
+  double variance = 0.0;
+};
+
+/// Restricted log-likelihood with the overall variance profiled out.
+void evaluate(const NoiseData& data, NoiseModel& m) {
+  const long n = data.residuals.size();
+  Eigen::MatrixXd v = (-data.distance2 / (2.0 * m.length_mm * m.length_mm)).array().exp().matrix();
+  if (m.vector_field) v.array() *= data.cosine.array();
+  v *= m.share;
+  v.diagonal().array() += 1.0 - m.share;
+  const Eigen::LLT<Eigen::MatrixXd> llt(v);
+  if (llt.info() != Eigen::Success) return;
+  const Eigen::VectorXd r = llt.matrixL().solve(data.residuals);
+  const Eigen::MatrixXd j = llt.matrixL().solve(data.jacobian);
+  Matrix6 h = j.transpose() * j;
+  h.diagonal().array() += 1e-12 * h.diagonal().maxCoeff();
+  const Eigen::LLT<Matrix6> small(h);
+  if (small.info() != Eigen::Success) return;
+  const Vector6 g = j.transpose() * r;
+  const double sum = r.squaredNorm() - g.dot(small.solve(g));
+  const auto freedom = static_cast<double>(n - 6);
+  m.variance = std::max(sum, 1e-18) / freedom;
+  const double log_det_v = 2.0 * Eigen::MatrixXd(llt.matrixL()).diagonal().array().log().sum();
+  const double log_det_h = 2.0 * Matrix6(small.matrixL()).diagonal().array().log().sum();
+  m.log_likelihood = -0.5 * (freedom * std::log(m.variance) + log_det_v + log_det_h);
+}
+
+NoiseModel best_of(const NoiseData& data, std::vector<NoiseModel> models) {
+  tbb::parallel_for(std::size_t{0}, models.size(), [&](std::size_t i) { evaluate(data, models[i]); });
+  return *std::max_element(models.begin(), models.end(),
+                           [](const auto& a, const auto& b) { return a.log_likelihood < b.log_likelihood; });
+}
+
+std::vector<NoiseModel> coarse_grid() {
+  std::vector<NoiseModel> models{{1.0, 0.0, false}};
+  for (const bool vector_field : {false, true}) {
+    for (const double length : {2.0, 4.0, 7.0, 12.0, 20.0}) {
+      for (const double share : {0.1, 0.3, 0.5, 0.7, 0.9}) models.push_back({length, share, vector_field});
+    }
+  }
+  return models;
+}
+
+std::vector<NoiseModel> grid_around(const NoiseModel& m) {
+  std::vector<NoiseModel> models{m};
+  for (const double factor : {0.77, 1.0, 1.3}) {
+    for (const double step : {-0.1, -0.05, 0.0, 0.05, 0.08}) {
+      const double share = m.share + step;
+      if (share > 0.0 && share < 0.99) models.push_back({m.length_mm * factor, share, m.vector_field});
+    }
+  }
+  return models;
+}
+
+}  // namespace
+
+ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source) {
+  const NoiseData data = gather(pairs, target_from_source);
+  ResidualNoise noise;
+  if (data.residuals.size() < 20) {
+    // Too few to tell: as if one patch, all correlated.
+    noise.correlated_sigma_mm = weighted_rms_mm(pairs, target_from_source);
+    noise.length_mm = 10.0;
+    return noise;
+  }
+  NoiseModel best = best_of(data, coarse_grid());
+  if (best.share > 0.0) best = best_of(data, grid_around(best));
+  noise.white_sigma_mm = std::sqrt(best.variance * (1.0 - best.share));
+  noise.correlated_sigma_mm = std::sqrt(best.variance * best.share);
+  noise.length_mm = best.length_mm;
+  noise.vector_field = best.vector_field;
+  return noise;
+}
+
+Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                         const ResidualNoise& noise) {
+  using Matrix63 = Eigen::Matrix<double, 6, 3>;
+  struct Cell {
+    Vector3 sum_mm = Vector3::Zero();
+    double count = 0.0;
+    Vector6 score = Vector6::Zero();
+    Matrix63 by_axis = Matrix63::Zero();
+  };
+  Matrix6 white = Matrix6::Zero();
+  for (const PlanePair& p : pairs) {
+    const Vector6 j = p.weight * p.jacobian(target_from_source);
+    white += j * j.transpose();
+  }
+  white *= noise.white_sigma_mm * noise.white_sigma_mm;
+  if (!(noise.correlated_sigma_mm > 0.0)) return white;
+
+  // Within a cell much smaller than ℓ the correlated noise is one number, so scores add up.
+  std::map<std::tuple<long, long, long>, Cell> cells;
+  for (double size = noise.length_mm / 3.0;; size *= 1.3) {
+    cells.clear();
+    for (const PlanePair& p : pairs) {
+      if (!(p.weight > 0.0)) continue;
+      const Vector3 at = (p.target_mm / size).array().floor();
+      Cell& cell = cells[{std::lround(at.x()), std::lround(at.y()), std::lround(at.z())}];
+      const Vector6 j = p.weight * p.jacobian(target_from_source);
+      cell.sum_mm += p.target_mm;
+      cell.count += 1.0;
+      cell.score += j;
+      cell.by_axis += j * p.normal.transpose();
+    }
+    if (cells.size() <= kMaxCells) break;
+  }
+  Matrix6 correlated = Matrix6::Zero();
+  for (const auto& [ka, a] : cells) {
+    for (const auto& [kb, b] : cells) {
+      const double d2 = (a.sum_mm / a.count - b.sum_mm / b.count).squaredNorm();
+      const double k = std::exp(-d2 / (2.0 * noise.length_mm * noise.length_mm));
+      if (k < 1e-4) continue;
+      if (noise.vector_field) {
+        correlated += k * a.by_axis * b.by_axis.transpose();
+      } else {
+        correlated += k * a.score * b.score.transpose();
+      }
+    }
+  }
+  return white + noise.correlated_sigma_mm * noise.correlated_sigma_mm * correlated;
+}
+
+Vector6 scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source) {
+  Vector3 centre = Vector3::Zero();
+  double total = 0.0;
+  for (const PlanePair& p : pairs) {
+    centre += p.weight * (target_from_source * p.source_mm);
+    total += p.weight;
+  }
+  Vector6 score = Vector6::Zero();
+  if (!(total > 0.0)) return score;
+  centre /= total;
+  for (const PlanePair& p : pairs) {
+    const double change = p.normal.dot(target_from_source * p.source_mm - centre);
+    score += p.weight * change * p.jacobian(target_from_source);
+  }
+  return score;
+}
+
+Conditioning conditioning(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                          const Matrix6& covariance) {
+  Conditioning result;
+  Vector3 centre = Vector3::Zero();
+  double total = 0.0, radius2 = 0.0;
+  for (const PlanePair& p : pairs) {
+    centre += p.weight * p.target_mm;
+    total += p.weight;
+  }
+  if (!(total > 0.0)) return result;
+  centre /= total;
+  for (const PlanePair& p : pairs) radius2 += p.weight * (p.target_mm - centre).squaredNorm();
+  const double radius = std::max(1.0, std::sqrt(radius2 / total));
+
+  const Rigid3 to_centre = Rigid3::from_translation(-centre);
+  Matrix6 scale = Matrix6::Identity();  // radians to millimetres at the cloud's radius
+  scale.topLeftCorner<3, 3>() *= radius;
+  const Matrix6 about = scale * adjoint(to_centre);
+  const Matrix6 local_covariance = about * covariance * about.transpose();
+  const Matrix6 back = about.inverse();
+  const Matrix6 local_information = back.transpose() * information(pairs, target_from_source) * back;
+
+  const Eigen::SelfAdjointEigenSolver<Matrix6> solver(local_information);
+  const Vector6 strength = solver.eigenvalues();
+  result.condition = strength[0] > 0.0 ? strength[5] / strength[0] : std::numeric_limits<double>::infinity();
+  for (int k = 0; k < 6; ++k) {
+    const Vector6 direction = solver.eigenvectors().col(k);
+    const double sigma_mm = std::sqrt(direction.dot(local_covariance * direction));
+    const bool relatively_weak = strength[k] * 50.0 < strength[5] && sigma_mm > 0.02;
+    if (!relatively_weak && sigma_mm < 0.1) continue;
+    const bool turning = direction.head<3>().norm() > direction.tail<3>().norm();
+    Vector3 axis = turning ? direction.head<3>().normalized() : direction.tail<3>().normalized();
+    long largest = 0;
+    axis.cwiseAbs().maxCoeff(&largest);
+    if (axis[largest] < 0.0) axis = -axis;
+    constexpr double kDeg = 57.29577951308232;
+    result.weak.push_back(
+        turning
+            ? fmt::format(
+                  "rotation about axis ({:.2f} {:.2f} {:.2f}) through the centroid ({:.1f} {:.1f} {:.1f}) "
+                  "mm is weak: {:.2f} deg",
+                  axis.x(), axis.y(), axis.z(), centre.x(), centre.y(), centre.z(), sigma_mm / radius * kDeg)
+            : fmt::format("translation along ({:.2f} {:.2f} {:.2f}) is weak: {:.3f} mm", axis.x(), axis.y(),
+                          axis.z(), sigma_mm));
+  }
+  return result;
+}
+
+double weighted_rms_mm(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source) {
+  double sum = 0.0, total = 0.0;
+  for (const PlanePair& p : pairs) {
+    const double r = p.residual_mm(target_from_source);
+    sum += p.weight * r * r;
+    total += p.weight;
+  }
+  return total > 0.0 ? std::sqrt(sum / total) : 0.0;
+}
+
+}  // namespace gnathion
