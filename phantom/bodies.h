@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "core/camera_model.h"
@@ -33,6 +34,25 @@ TagPlate tag_plate(int id, const Vector3& centre_mm, double yaw_deg, double pitc
 
 /// The tag of a plate, corners in the order of BodyTag.
 BodyTag tag_of(const TagPlate& plate);
+
+/// The plate as a solid, with the post that holds it from behind.
+class PlateOnPost {
+ public:
+  /// `anchor_mm`: where the post is rooted, in the frame of the layout.
+  PlateOnPost(const TagPlate& plate, const Vector3& anchor_mm);
+  /// Union (smooth at the roots) of `other_mm`, a distance to something else, with plate and post at `p_mm`.
+  double united_with(double other_mm, const Vector3& p_mm) const;
+
+ private:
+  Rigid3 plate_from_space_;
+  Vector3 post_from_mm_, post_to_mm_, middle_mm_;
+  double reach_mm_;
+};
+
+/// A solid built around tags, as a body: closed surface of the zero of `solid`, and the plates' tags.
+/// `edge_mm` is the lattice's.
+PhantomBody body_of(const char* name, const std::function<double(const Vector3&)>& solid, const Box& box,
+                    const std::vector<TagPlate>& plates, double edge_mm);
 
 /// Tags and surface re-expressed.
 PhantomBody transformed(const Rigid3& to_from_body, const PhantomBody& body);
