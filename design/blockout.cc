@@ -1,0 +1,25 @@
+#include "design/blockout.h"
+
+#include <algorithm>
+
+namespace gnathion {
+namespace {
+constexpr double kClosingErrorMm = 0.08;  // of the closing on the coarse grid, where nothing was closed
+}  // namespace
+
+CoarseGrid coarse_cavity(const CoarseGrid& maxilla, const CoarseGrid& maxilla_swept,
+                         const SplintParameters& p) {
+  CoarseGrid cavity = maxilla;
+  for (std::size_t i = 0; i < cavity.values().size(); ++i)
+    cavity.values()[i] = std::min(maxilla.values()[i] - static_cast<float>(p.gap_mm),
+                                  maxilla_swept.values()[i] + static_cast<float>(p.engagement_mm));
+  return cavity;
+}
+
+CoarseGrid without_embrasures(const CoarseGrid& cavity, const SplintParameters& p) {
+  CoarseGrid out = closed(cavity, p.embrasure_mm);
+  for (float& v : out.values()) v += static_cast<float>(kClosingErrorMm);
+  return out;
+}
+
+}  // namespace gnathion

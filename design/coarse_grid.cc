@@ -1,0 +1,187 @@
+#include "design/coarse_grid.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "design/parallel.h"
+
+namespace gnathion {
+namespace {
+
+struct Cell {
+  Eigen::Vector3i index;
+  Vector3 fraction;
+};
+
+Cell locate(const GridShape& shape, const Vector3& p_mm) {
+  const Vector3 u = (p_mm - shape.origin_mm) / shape.spacing_mm;
+  Cell cell;
+  for (int d = 0; d < 3; ++d) {
+    const double clamped = std::clamp(u[d], 0.0, static_cast<double>(shape.nodes[d] - 1));
+    cell.index[d] = std::min(static_cast<int>(clamped), shape.nodes[d] - 2);
+    cell.fraction[d] = clamped - cell.index[d];
+  }
+  return cell;
+}
+
+std::array<double, 4> spline_weights(double t) {
+  const double s = 1.0 - t;
+  return {s * s * s / 6.0, (3 * t * t * t - 6 * t * t + 4) / 6.0, (3 * s * s * s - 6 * s * s + 4) / 6.0,
+          t * t * t / 6.0};
+}
+
+/// Solves |grad d| = 1 at a node from the smallest neighbour on each axis (in units of the spacing).
+double eikonal_update(double a, double b, double c) {
+  if (a > b) std::swap(a, b);
+  if (b > c) std::swap(b, c);
+  if (a > b) std::swap(a, b);
+  double d = a + 1.0;
+  if (d <= b) return d;
+  const double sum = a + b;
+  const double root = 2.0 - (a - b) * (a - b);
+  d = 0.5 * (sum + std::sqrt(std::max(0.0, root)));
+  if (d <= c) return d;
+  const double s = a + b + c;
+  const double q = a * a + b * b + c * c;
+  return (s + std::sqrt(std::max(0.0, s * s - 3.0 * (q - 1.0)))) / 3.0;
+}
+
+/// Distance in units of the spacing from a node to the level along each axis, where it is crossed.
+double distance_beside_level(const CoarseGrid& f, int i, int j, int k) {
+  const double here = f.at(i, j, k);
+  const std::array<int, 3> at = {i, j, k};
+  double inverse_squares = 0.0;
+  for (int d = 0; d < 3; ++d) {
+    double nearest = 2.0;
+    for (const int step : {-1, 1}) {
+      std::array<int, 3> n = at;
+      n[static_cast<std::size_t>(d)] += step;
+      if (n[static_cast<std::size_t>(d)] < 0 || n[static_cast<std::size_t>(d)] >= f.shape().nodes[d])
+        continue;
+      const double there = f.at(n[0], n[1], n[2]);
+      if ((here <= 0.0) != (there <= 0.0)) nearest = std::min(nearest, here / (here - there));
+    }
+    if (nearest < 2.0) inverse_squares += 1.0 / std::max(1e-12, nearest * nearest);
+  }
+  return inverse_squares > 0.0 ? 1.0 / std::sqrt(inverse_squares) : -1.0;
+}
+
+}  // namespace
+
+double CoarseGrid::linear(const Vector3& p_mm) const {
+  const Cell c = locate(shape_, p_mm);
+  double sum = 0.0;
+  for (int di = 0; di < 2; ++di)
+    for (int dj = 0; dj < 2; ++dj) {
+      const float* z = column(c.index.x() + di, c.index.y() + dj) + c.index.z();
+      const double w =
+          (di ? c.fraction.x() : 1.0 - c.fraction.x()) * (dj ? c.fraction.y() : 1.0 - c.fraction.y());
+      sum += w * ((1.0 - c.fraction.z()) * z[0] + c.fraction.z() * z[1]);
+    }
+  return sum;
+}
+
+double CoarseGrid::smooth(const Vector3& p_mm) const {
+  const Cell c = locate(shape_, p_mm);
+  const auto wx = spline_weights(c.fraction.x());
+  const auto wy = spline_weights(c.fraction.y());
+  const auto wz = spline_weights(c.fraction.z());
+  double sum = 0.0;
+  for (int di = 0; di < 4; ++di) {
+    const int i = std::clamp(c.index.x() + di - 1, 0, shape_.nodes.x() - 1);
+    for (int dj = 0; dj < 4; ++dj) {
+      const int j = std::clamp(c.index.y() + dj - 1, 0, shape_.nodes.y() - 1);
+      const float* z = column(i, j);
+      double along = 0.0;
+      for (int dk = 0; dk < 4; ++dk)
+        along +=
+            wz[static_cast<std::size_t>(dk)] * z[std::clamp(c.index.z() + dk - 1, 0, shape_.nodes.z() - 1)];
+      sum += wx[static_cast<std::size_t>(di)] * wy[static_cast<std::size_t>(dj)] * along;
+    }
+  }
+  return sum;
+}
+
+CoarseGrid swept_up(const CoarseGrid& f, double slope) {
+  CoarseGrid out = f;
+  const float rise = static_cast<float>(slope * f.shape().spacing_mm);
+  parallel_each(f.shape().nodes.x(), [&](int i) {
+    for (int j = 0; j < f.shape().nodes.y(); ++j) {
+      float* z = out.column(i, j);
+      for (int k = 1; k < f.shape().nodes.z(); ++k) z[k] = std::min(z[k], z[k - 1] + rise);
+    }
+  });
+  return out;
+}
+
+CoarseGrid swept_down(const CoarseGrid& f) {
+  CoarseGrid out = f;
+  parallel_each(f.shape().nodes.x(), [&](int i) {
+    for (int j = 0; j < f.shape().nodes.y(); ++j) {
+      float* z = out.column(i, j);
+      for (int k = f.shape().nodes.z() - 2; k >= 0; --k) z[k] = std::min(z[k], z[k + 1]);
+    }
+  });
+  return out;
+}
+
+CoarseGrid redistanced(const CoarseGrid& f, double band_mm) {
+  const GridShape& shape = f.shape();
+  const float far = static_cast<float>(band_mm / shape.spacing_mm);
+  CoarseGrid d(shape, far);
+  std::vector<char> fixed(shape.size(), 0);
+  parallel_each(shape.nodes.x(), [&](int i) {
+    for (int j = 0; j < shape.nodes.y(); ++j)
+      for (int k = 0; k < shape.nodes.z(); ++k) {
+        const double beside = distance_beside_level(f, i, j, k);
+        if (beside < 0.0) continue;
+        d.at(i, j, k) = static_cast<float>(beside);
+        fixed[shape.index(i, j, k)] = 1;
+      }
+  });
+  // Eight sweeps, one per octant of directions; one round is exact but at kinks, where a second one adds
+  // little.
+  const auto n = shape.nodes;
+  for (int octant = 0; octant < 8; ++octant) {
+    const int sx = octant & 1, sy = (octant >> 1) & 1, sz = (octant >> 2) & 1;
+    for (int a = 0; a < n.x(); ++a)
+      for (int b = 0; b < n.y(); ++b)
+        for (int c = 0; c < n.z(); ++c) {
+          const int i = sx ? n.x() - 1 - a : a, j = sy ? n.y() - 1 - b : b, k = sz ? n.z() - 1 - c : c;
+          if (fixed[shape.index(i, j, k)]) continue;
+          const float x = std::min(i > 0 ? d.at(i - 1, j, k) : far, i + 1 < n.x() ? d.at(i + 1, j, k) : far);
+          const float y = std::min(j > 0 ? d.at(i, j - 1, k) : far, j + 1 < n.y() ? d.at(i, j + 1, k) : far);
+          const float z = std::min(k > 0 ? d.at(i, j, k - 1) : far, k + 1 < n.z() ? d.at(i, j, k + 1) : far);
+          if (std::min({x, y, z}) >= far) continue;
+          float& here = d.at(i, j, k);
+          here = std::min(here, static_cast<float>(eikonal_update(x, y, z)));
+        }
+  }
+  for (std::size_t i = 0; i < d.values().size(); ++i) {
+    const float distance = d.values()[i] * static_cast<float>(shape.spacing_mm);
+    d.values()[i] = f.values()[i] <= 0.0f ? -distance : distance;
+  }
+  return d;
+}
+
+namespace {
+CoarseGrid shifted(CoarseGrid f, double by_mm) {
+  for (float& v : f.values()) v += static_cast<float>(by_mm);
+  return f;
+}
+}  // namespace
+
+CoarseGrid closed(const CoarseGrid& f, double radius_mm) {
+  const double band = radius_mm + 4.0 * f.shape().spacing_mm;
+  const CoarseGrid dilated = shifted(redistanced(f, band), -radius_mm);
+  return shifted(redistanced(dilated, band), radius_mm);
+}
+
+CoarseGrid opened(const CoarseGrid& f, double radius_mm) {
+  const double band = radius_mm + 4.0 * f.shape().spacing_mm;
+  const CoarseGrid eroded = shifted(redistanced(f, band), radius_mm);
+  return shifted(redistanced(eroded, band), -radius_mm);
+}
+
+}  // namespace gnathion

@@ -1,0 +1,69 @@
+// A dense grid of samples in the design frame, for what is smooth or only bounds: spacing about 0.3 mm.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+#include "core/rigid.h"
+
+namespace gnathion {
+
+/// Nodes at origin + spacing·(i, j, k); k runs along a (z of the design frame, towards the gingiva) and is
+/// the fastest index, so that a column is contiguous.
+struct GridShape {
+  Vector3 origin_mm = Vector3::Zero();
+  double spacing_mm = 0.3;
+  Eigen::Vector3i nodes = Eigen::Vector3i::Zero();
+
+  std::size_t size() const {
+    return static_cast<std::size_t>(nodes.x()) * static_cast<std::size_t>(nodes.y()) *
+           static_cast<std::size_t>(nodes.z());
+  }
+  std::size_t index(int i, int j, int k) const {
+    return (static_cast<std::size_t>(i) * static_cast<std::size_t>(nodes.y()) + static_cast<std::size_t>(j)) *
+               static_cast<std::size_t>(nodes.z()) +
+           static_cast<std::size_t>(k);
+  }
+  Vector3 position(int i, int j, int k) const { return origin_mm + spacing_mm * Vector3(i, j, k); }
+};
+
+/// Scalar samples (mm). Reading is thread-safe. Outside of the box the nearest sample counts.
+class CoarseGrid {
+ public:
+  CoarseGrid() = default;
+  CoarseGrid(const GridShape& shape, float value) : shape_(shape), values_(shape.size(), value) {}
+
+  const GridShape& shape() const { return shape_; }
+  float& at(int i, int j, int k) { return values_[shape_.index(i, j, k)]; }
+  float at(int i, int j, int k) const { return values_[shape_.index(i, j, k)]; }
+  float* column(int i, int j) { return &values_[shape_.index(i, j, 0)]; }
+  const float* column(int i, int j) const { return &values_[shape_.index(i, j, 0)]; }
+  std::vector<float>& values() { return values_; }
+  const std::vector<float>& values() const { return values_; }
+
+  /// Trilinear interpolation.
+  double linear(const Vector3& p_mm) const;
+  /// Uniform cubic B-spline with the samples as coefficients: C2, smooths by about spacing²·curvature/6.
+  double smooth(const Vector3& p_mm) const;
+
+ private:
+  GridShape shape_;
+  std::vector<float> values_;
+};
+
+/// min over z' ≤ z of f(z') + slope·(z − z'): the solid swept towards the gingiva; `slope` erodes the sweep.
+CoarseGrid swept_up(const CoarseGrid& f, double slope = 0.0);
+/// min over z' ≥ z: swept away from the gingiva.
+CoarseGrid swept_down(const CoarseGrid& f);
+
+/// Signed distance to the zero level of f, within ± band_mm (clamped): fast sweeping (Zhao 2005) of the
+/// Eikonal equation from the nodes beside the level.
+CoarseGrid redistanced(const CoarseGrid& f, double band_mm);
+
+/// Morphological closing of {f ≤ 0} by a ball: concave corners get fillets of that radius.
+CoarseGrid closed(const CoarseGrid& f, double radius_mm);
+/// Morphological opening of {f ≤ 0}: what is thinner than twice the radius goes.
+CoarseGrid opened(const CoarseGrid& f, double radius_mm);
+
+}  // namespace gnathion

@@ -1,0 +1,145 @@
+#include "design/preparation.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "core/check.h"
+#include "design/parallel.h"
+#include "occlusion/crowns.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kCoarseMm = 0.3;
+constexpr double kBandHalfWidthMm = 9.0;  // crowns lie this near to the arch curve
+constexpr int kNormalRadiusRings = 2;     // smoothing passes of the normals that tell stops from walls
+
+std::vector<Vector3> smoothed_normals(const TriangleMesh& mesh) {
+  std::vector<Vector3> normals = vertex_normals(mesh);
+  for (int pass = 0; pass < kNormalRadiusRings; ++pass) {
+    std::vector<Vector3> sum = normals;
+    for (const Triangle& t : mesh.triangles)
+      for (std::size_t k = 0; k < 3; ++k) sum[t[k]] += normals[t[(k + 1) % 3]] + normals[t[(k + 2) % 3]];
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+      const double length = sum[i].norm();
+      normals[i] = length > 1e-12 ? Vector3(sum[i] / length) : Vector3(Vector3::UnitZ());
+    }
+  }
+  return normals;
+}
+
+/// Crown vertices: near the arch curve and no deeper than `depth_mm` behind the local level.
+Box crown_box(const TriangleMesh& maxilla, const OcclusalMap& level, double depth_mm) {
+  Box box;
+  for (const Vector3& v : maxilla.vertices_mm)
+    if (std::abs(level.off_curve_mm(v)) < kBandHalfWidthMm && v.z() < level.level_mm(v) + depth_mm)
+      box.extend(v);
+  return box;
+}
+
+/// Room for the crowns, their image in TP, the shell and its fillets.
+GridShape design_box(const TriangleMesh& maxilla, const OcclusalMap& level, const Rigid3& therapeutic,
+                     const SplintParameters& p, double spacing_mm) {
+  const Box crowns = crown_box(maxilla, level, p.depth_mm);
+  Box box = crowns;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Vector3 v(corner & 1 ? crowns.max_mm.x() : crowns.min_mm.x(),
+                    corner & 2 ? crowns.max_mm.y() : crowns.min_mm.y(),
+                    corner & 4 ? crowns.min_mm.z() + p.stamp_height_mm + 2.0 : crowns.min_mm.z());
+    box.extend(therapeutic * v);
+  }
+  const double margin = p.wall_mm + p.gap_mm + p.smoothing_mm + 4 * spacing_mm;
+  box.min_mm -= Vector3::Constant(margin);
+  box.max_mm += Vector3(margin, margin, 0.0);
+  box.max_mm.z() = std::max(box.max_mm.z(), crowns.max_mm.z()) + 4 * spacing_mm;
+  GridShape shape;
+  shape.spacing_mm = spacing_mm;
+  // Whole multiples of the spacing, so that grids of one patient lie alike whatever T_th is.
+  for (int d = 0; d < 3; ++d) {
+    const double low = std::floor(box.min_mm[d] / spacing_mm);
+    const double high = std::ceil(box.max_mm[d] / spacing_mm);
+    shape.origin_mm[d] = low * spacing_mm;
+    shape.nodes[d] = static_cast<int>(high - low) + 1;
+  }
+  return shape;
+}
+
+}  // namespace
+
+OcclusalMap::OcclusalMap(const TriangleMesh& maxilla_dental, const ArchFrame& frame,
+                         const Rigid3& design_from_dental, const Box& box_design) {
+  const OcclusalLevel level(maxilla_dental, frame, Arch::kMaxilla);
+  const ArchRuler ruler(frame);
+  origin_ = box_design.min_mm;
+  nx_ = static_cast<int>(std::ceil(box_design.size_mm().x() / spacing_)) + 2;
+  ny_ = static_cast<int>(std::ceil(box_design.size_mm().y() / spacing_)) + 2;
+  level_.resize(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_));
+  off_.resize(level_.size());
+  const Rigid3 dental_from_design = design_from_dental.inverse();
+  parallel_each(nx_, [&](int i) {
+    for (int j = 0; j < ny_; ++j) {
+      Vector3 p = origin_ + spacing_ * Vector3(i, j, 0);
+      p.z() = 0.0;
+      const ArchCoordinates c = ruler.measure(dental_from_design * p);
+      const std::size_t at =
+          static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
+      level_[at] = static_cast<float>(level.depth_mm(c.s_mm));
+      off_[at] = static_cast<float>(c.buccal_mm);
+    }
+  });
+}
+
+double OcclusalMap::sample(const std::vector<float>& values, const Vector3& p_mm) const {
+  const double u = std::clamp((p_mm.x() - origin_.x()) / spacing_, 0.0, nx_ - 1.001);
+  const double v = std::clamp((p_mm.y() - origin_.y()) / spacing_, 0.0, ny_ - 1.001);
+  const int i = static_cast<int>(u), j = static_cast<int>(v);
+  const double fu = u - i, fv = v - j;
+  const auto at = [&](int a, int b) {
+    return static_cast<double>(
+        values[static_cast<std::size_t>(a) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(b)]);
+  };
+  return (1 - fu) * ((1 - fv) * at(i, j) + fv * at(i, j + 1)) +
+         fu * ((1 - fv) * at(i + 1, j) + fv * at(i + 1, j + 1));
+}
+
+double OcclusalMap::level_mm(const Vector3& p_design_mm) const {
+  return sample(level_, p_design_mm);
+}
+double OcclusalMap::off_curve_mm(const Vector3& p_design_mm) const {
+  return sample(off_, p_design_mm);
+}
+
+Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters) {
+  GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
+  const Rigid3 design_from_dental = arch.arch_from_dental;
+  const Rigid3 therapeutic = design_from_dental * inputs.therapeutic.rigid * design_from_dental.inverse();
+  std::vector<std::string> holes;
+  TriangleMesh maxilla =
+      closed_to_solid(transformed(design_from_dental, inputs.maxilla), Vector3::UnitZ(), &holes);
+  TriangleMesh mandible = transformed(
+      therapeutic,
+      closed_to_solid(transformed(design_from_dental, inputs.mandible_mi), -Vector3::UnitZ(), nullptr));
+  OcclusalMap level(inputs.maxilla, arch, design_from_dental, bounding_box(maxilla));
+  const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm)));
+  const GridShape coarse =
+      design_box(maxilla, level, therapeutic, parameters, parameters.voxel_mm * refinement);
+  if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
+    return bad_input("cannot design", "maxilla", "no crowns found near the arch curve");
+  std::vector<Vector3> normals = smoothed_normals(maxilla);
+  std::vector<std::string> warnings;
+  for (const std::string& hole : holes) warnings.push_back("maxilla: " + hole);
+  return Preparation{std::move(arch),
+                     design_from_dental,
+                     therapeutic,
+                     MeshQuery(std::move(maxilla)),
+                     MeshQuery(std::move(mandible)),
+                     std::move(normals),
+                     std::move(level),
+                     coarse,
+                     refinement,
+                     std::move(warnings)};
+}
+
+}  // namespace gnathion

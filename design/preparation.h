@@ -1,0 +1,58 @@
+// The jaws made ready for design: turned into the design frame, closed to solids, with the local occlusal
+// level.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/mesh_query.h"
+#include "core/result.h"
+#include "design/coarse_grid.h"
+#include "design/parameters.h"
+#include "design/splint.h"
+
+namespace gnathion {
+
+/// Closes an open scan to a solid. Small boundary loops (scan holes) are filled with least area; loops wider
+/// than 15 mm (the rim of the scan) are extruded along `away` (unit, from the crowns to the base) and capped
+/// flat. `filled` receives one line per hole wider than 1 mm.
+TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled);
+
+/// Height of the local occlusal level of the maxilla over the occlusal plane, and the distance from the arch
+/// curve, by position across a.
+class OcclusalMap {
+ public:
+  OcclusalMap() = default;
+  /// `design_from_dental` as in Preparation; sampled every 0.5 mm over the box.
+  OcclusalMap(const TriangleMesh& maxilla_dental, const ArchFrame& frame, const Rigid3& design_from_dental,
+              const Box& box_design);
+  double level_mm(const Vector3& p_design_mm) const;
+  double off_curve_mm(const Vector3& p_design_mm) const;  ///< buccal positive
+
+ private:
+  double sample(const std::vector<float>& values, const Vector3& p_mm) const;
+  Vector3 origin_ = Vector3::Zero();
+  double spacing_ = 0.5;
+  int nx_ = 0, ny_ = 0;
+  std::vector<float> level_, off_;
+};
+
+/// The design frame: z along a (towards the gingiva of the maxilla), x left, y posterior, origin on the
+/// occlusal plane. Everything is built in it, so that the result does not depend on how the jaws lie in
+/// space.
+struct Preparation {
+  ArchFrame arch;  ///< in Dental
+  Rigid3 design_from_dental;
+  Rigid3 therapeutic;                    ///< T_th told in the design frame
+  MeshQuery maxilla;                     ///< M, closed, design frame
+  MeshQuery mandible;                    ///< L_TP, closed, design frame
+  std::vector<Vector3> maxilla_normals;  ///< per vertex of M, smoothed over about 0.4 mm
+  OcclusalMap level;
+  GridShape coarse;
+  int refinement = 3;  ///< fine voxels per coarse spacing
+  std::vector<std::string> warnings;
+};
+
+Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters);
+
+}  // namespace gnathion

@@ -1,0 +1,159 @@
+#include "design/splint_field.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "design/blockout.h"
+#include "design/distances.h"
+#include "design/shells.h"
+#include "design/stamp.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kBandMm = 2.4;      // of coarse distances: wall, occlusal thickness and a margin
+constexpr double kEstimateMm = 0.3;  // estimates are never worse than this
+constexpr double kReachMm = 1.5;     // of exact queries; farther distances do not matter
+constexpr double kSweepStartMm =
+    0.6;  // the coarse sweep of the mandible leaves its own surface to exact distances
+constexpr double kSweepErrorMm = 0.05;
+constexpr double kStampNearMm = 0.6;  // up to here from the mandible the stamp is exact ...
+constexpr double kStampFade = 0.3;    // ... and sinks into the smooth body beyond it
+constexpr double kFullGapDeg = 60.0;  // from the stop angle to here the gap grows from h to g
+
+double smoothstep(double t) {
+  t = std::clamp(t, 0.0, 1.0);
+  return t * t * (3.0 - 2.0 * t);
+}
+
+/// max(a, b) whose edge is rounded with `radius`: never less than max(a, b).
+double rounded_max(double a, double b, double radius) {
+  if (a < -radius || b < -radius) return std::max(a, b);
+  return std::hypot(a + radius, b + radius) - radius;
+}
+
+/// Moves a grid along z by whole nodes: result(z) = f(z + steps·spacing).
+CoarseGrid looked_up(const CoarseGrid& f, int steps) {
+  CoarseGrid out = f;
+  const int last = f.shape().nodes.z() - 1;
+  for (int i = 0; i < f.shape().nodes.x(); ++i)
+    for (int j = 0; j < f.shape().nodes.y(); ++j)
+      for (int k = 0; k <= last; ++k) out.at(i, j, k) = f.at(i, j, std::min(last, k + steps));
+  return out;
+}
+
+}  // namespace
+
+struct SplintField::Ingredients {
+  double maxilla = 0.0;  // φ_M
+  double gap = 0.0;      // g at the closest point
+  double maxilla_swept = 0.0;
+  double cavity_closed = 0.0;
+  double stamp = 0.0;     // φ of T_th M
+  double mandible = 0.0;  // φ of L_TP
+  double mandible_swept = 0.0;
+  double body = 0.0;
+};
+
+SplintField::SplintField(const Preparation& preparation, const SplintParameters& parameters)
+    : prep_(preparation), par_(parameters), natural_from_tp_(preparation.therapeutic.inverse()) {
+  build_cavity();
+  build_body();
+}
+
+void SplintField::build_cavity() {
+  maxilla_ = sampled_distance(prep_.coarse, prep_.maxilla, Rigid3::identity(), kBandMm, OutsideEnd::kBottom);
+  maxilla_swept_ = swept_up(maxilla_);
+  cavity_closed_ = without_embrasures(coarse_cavity(maxilla_, maxilla_swept_, par_), par_);
+}
+
+void SplintField::build_body() {
+  stamp_ = sampled_distance(prep_.coarse, prep_.maxilla, natural_from_tp_, kBandMm, OutsideEnd::kBottom);
+  mandible_ = sampled_distance(prep_.coarse, prep_.mandible, Rigid3::identity(), kBandMm, OutsideEnd::kTop);
+  const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep_.coarse.spacing_mm)));
+  mandible_swept_ = looked_up(swept_down(mandible_), steps);
+  const CoarseGrid shell = outer_shell(maxilla_swept_, par_);
+  body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), mandible_, par_);
+}
+
+double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
+  const Triangle& t = prep_.maxilla.mesh().triangles[closest.triangle];
+  Vector3 normal = Vector3::Zero();
+  for (std::size_t k = 0; k < 3; ++k)
+    normal += closest.barycentric[static_cast<int>(k)] * prep_.maxilla_normals[t[k]];
+  const double cosine = normal.norm() > 1e-9 ? -normal.normalized().z() : 0.0;
+  const double stop = std::cos(par_.stop_angle_deg * M_PI / 180.0);
+  const double full = std::cos(std::max(kFullGapDeg, par_.stop_angle_deg + 10.0) * M_PI / 180.0);
+  return par_.gap_mm + (par_.stop_gap_mm - par_.gap_mm) * smoothstep((cosine - full) / (stop - full));
+}
+
+SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
+  Ingredients in;
+  in.maxilla = maxilla_.linear(p);
+  in.gap = 0.5 * (par_.gap_mm + par_.stop_gap_mm);
+  in.maxilla_swept = maxilla_swept_.linear(p);
+  in.cavity_closed = cavity_closed_.linear(p);
+  in.stamp = stamp_.linear(p);
+  in.mandible = mandible_.linear(p);
+  in.mandible_swept = mandible_swept_.linear(p);
+  in.body = body_.linear(p);
+  return in;
+}
+
+FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
+  FieldTerms f;
+  // Cavity = (M ⊕ B_g) ∪ ((M ⊕ R_a) ⊖ D_r), embrasures closed.
+  f.cavity = std::min({in.maxilla - in.gap, in.maxilla_swept + par_.engagement_mm, in.cavity_closed});
+  // What the mandible takes: itself and its way down; within o of it all but the natural relief T_th S_occ.
+  const double mandible = std::min(in.mandible, in.mandible_swept + kSweepErrorMm);
+  const double relief = std::max(mandible - par_.occlusion_clearance_mm, -in.stamp);
+  f.cut = std::min(mandible, relief);
+  // The exact stamp near the mandible, sinking into the smooth body away from it.
+  const Vector3 natural = natural_from_tp_ * p;
+  const double top = natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
+  const double stamp = std::max(in.stamp + kStampFade * std::max(0.0, in.mandible - kStampNearMm), top);
+  f.body = std::min(in.body, stamp);
+  f.rim = p.z() - (prep_.level.level_mm(p) + par_.depth_mm);
+  const double film = par_.aperture_limit_mm - f.cavity - f.cut;
+  const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
+  const double inner = rounded_max(-f.cavity, f.rim, 0.5 * par_.rim_radius_mm);
+  f.value = std::max({walls, inner, -f.cut, film});
+  if (f.value == film)
+    f.part = SurfacePart::kAperture;
+  else if (f.value == -f.cut)
+    f.part = SurfacePart::kImprint;
+  else if (f.value == inner)
+    f.part = f.rim > -0.5 * par_.rim_radius_mm ? SurfacePart::kRim : SurfacePart::kCavity;
+  else if (f.rim > -par_.rim_radius_mm)
+    f.part = SurfacePart::kRim;
+  else
+    f.part = stamp < in.body ? SurfacePart::kStamp : SurfacePart::kOuter;
+  return f;
+}
+
+FieldTerms SplintField::estimate(const Vector3& p) const {
+  return compose(p, interpolated(p));
+}
+
+FieldTerms SplintField::exact(const Vector3& p) const {
+  Ingredients in = interpolated(p);
+  in.body = body_.smooth(p);
+  const FieldTerms rough = compose(p, in);
+  const bool film = rough.cavity + rough.cut < par_.aperture_limit_mm + kEstimateMm;
+  if (rough.cavity < kEstimateMm || film) {
+    if (const auto d = prep_.maxilla.signed_distance(p, kReachMm)) {
+      in.maxilla = d->distance_mm;
+      in.gap = seat_gap_mm(d->closest);
+    }
+  }
+  if (rough.cut < kEstimateMm || film || in.mandible < kStampNearMm + 1.0) {
+    if (const auto d = prep_.mandible.signed_distance(p, kReachMm)) in.mandible = d->distance_mm;
+    if (std::abs(in.stamp) < par_.aperture_limit_mm + kEstimateMm || film) {
+      if (const auto d = prep_.maxilla.signed_distance(natural_from_tp_ * p, kReachMm))
+        in.stamp = d->distance_mm;
+    }
+  }
+  return compose(p, in);
+}
+
+}  // namespace gnathion

@@ -1,0 +1,58 @@
+// The splint as one implicit function: negative in the material, and near its zero level a distance in mm.
+//
+// What lies on teeth is taken from the meshes themselves (closest points); what is smooth or hidden comes
+// from coarse grids. All in the design frame.
+#pragma once
+
+#include "design/coarse_grid.h"
+#include "design/preparation.h"
+
+namespace gnathion {
+
+/// Which part of the construction shapes the surface at a point.
+enum class SurfacePart : std::uint8_t { kCavity, kOuter, kStamp, kImprint, kAperture, kRim };
+
+/// Signed quantities at a point, mm.
+struct FieldTerms {
+  double body = 0.0;    ///< shell with stamp
+  double cavity = 0.0;  ///< C, distance from the cavity
+  double cut = 0.0;     ///< K, distance from what the mandible takes away
+  double rim = 0.0;     ///< height over the cutting surface
+  double value = 0.0;   ///< the splint
+  SurfacePart part = SurfacePart::kOuter;
+};
+
+class SplintField {
+ public:
+  SplintField(const Preparation& preparation, const SplintParameters& parameters);
+
+  /// From grids alone; good to about 0.1 mm.
+  FieldTerms estimate(const Vector3& p_mm) const;
+  /// With mesh distances for every term that matters at p.
+  FieldTerms exact(const Vector3& p_mm) const;
+
+  const Preparation& preparation() const { return prep_; }
+  const SplintParameters& parameters() const { return par_; }
+  const CoarseGrid& body_grid() const { return body_; }
+
+ private:
+  struct Ingredients;
+  void build_cavity();
+  void build_body();
+  Ingredients interpolated(const Vector3& p_mm) const;
+  FieldTerms compose(const Vector3& p_mm, const Ingredients& in) const;
+  double seat_gap_mm(const ClosestPoint& closest) const;
+
+  const Preparation& prep_;
+  const SplintParameters& par_;
+  Rigid3 natural_from_tp_;     ///< T_th⁻¹
+  CoarseGrid maxilla_;         ///< φ_M
+  CoarseGrid maxilla_swept_;   ///< M ⊕ R_a
+  CoarseGrid cavity_closed_;   ///< cavity with embrasures closed
+  CoarseGrid stamp_;           ///< φ of T_th M
+  CoarseGrid mandible_;        ///< φ of L_TP
+  CoarseGrid mandible_swept_;  ///< L_TP and its way down, but for the last kSweepStart
+  CoarseGrid body_;            ///< shell, stamp and fillets, smooth
+};
+
+}  // namespace gnathion

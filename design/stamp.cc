@@ -1,0 +1,48 @@
+#include "design/stamp.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "design/parallel.h"
+
+namespace gnathion {
+namespace {
+constexpr double kImprintDepthMm =
+    0.5;  // fillets towards the mandible stay within this of the natural relief
+constexpr double kFreeDistanceMm = 0.8;  // from the mandible, from where fillets may grow
+constexpr double kBandMm = 9.0;          // half width of the arch that belongs to the crowns
+}  // namespace
+
+CoarseGrid stamp_body(const CoarseGrid& stamp, const Preparation& preparation, const SplintParameters& p) {
+  const GridShape& shape = stamp.shape();
+  const Rigid3 natural_from_tp = preparation.therapeutic.inverse();
+  CoarseGrid tops = stamp;
+  parallel_each(shape.nodes.x(), [&](int i) {
+    for (int j = 0; j < shape.nodes.y(); ++j)
+      for (int k = 0; k < shape.nodes.z(); ++k) {
+        const Vector3 natural = natural_from_tp * shape.position(i, j, k);
+        const double above = natural.z() - (preparation.level.level_mm(natural) + p.stamp_height_mm);
+        const double beside = std::abs(preparation.level.off_curve_mm(natural)) - kBandMm;
+        float& v = tops.at(i, j, k);
+        v = std::max({v, static_cast<float>(above), static_cast<float>(beside)});
+      }
+  });
+  return swept_up(tops, std::tan(p.draft_deg * M_PI / 180.0));
+}
+
+CoarseGrid joined_body(const CoarseGrid& shell, const CoarseGrid& stamp, const CoarseGrid& mandible,
+                       const SplintParameters& p) {
+  CoarseGrid both = shell;
+  for (std::size_t i = 0; i < both.values().size(); ++i)
+    both.values()[i] = std::min(shell.values()[i], stamp.values()[i]);
+  CoarseGrid filled = closed(both, p.smoothing_mm);
+  for (std::size_t i = 0; i < filled.values().size(); ++i) {
+    const double near_mandible = std::max(0.0, static_cast<double>(mandible.values()[i]) - kFreeDistanceMm);
+    const double allowed = stamp.values()[i] - kImprintDepthMm - 0.7 * near_mandible;
+    const double fillet = std::max<double>(filled.values()[i], allowed);
+    filled.values()[i] = static_cast<float>(std::min<double>(fillet, both.values()[i]));
+  }
+  return filled;
+}
+
+}  // namespace gnathion
