@@ -1,0 +1,98 @@
+#include "pipeline/design_job.h"
+
+#include <nlohmann/json.hpp>
+
+#include "core/file.h"
+#include "core/mesh_io.h"
+#include "core/time.h"
+#include "design/write_3mf.h"
+#include "pipeline/nested_progress.h"
+#include "pipeline/pictures.h"
+#include "pipeline/version.h"
+
+namespace gnathion {
+namespace fs = std::filesystem;
+namespace {
+
+Result<InputRecord> record_of(const fs::path& path) {
+  GNATHION_TRY(const std::string hash, sha256_of_file(path));
+  return InputRecord{path.string(), hash};
+}
+
+/// design.json of a T_th that no splint can realize: what was asked, and why not.
+nlohmann::json refusal_json(const DesignJob& job, const DesignInputs& inputs, const Feasibility& feasibility,
+                            double total_s) {
+  nlohmann::json files = nlohmann::json::array();
+  for (const InputRecord& f : inputs.files) files.push_back({{"path", f.path}, {"sha256", f.sha256}});
+  return {{"verdict", verdict_name(feasibility.verdict)},
+          {"violated", feasibility.violated()},
+          {"parameters", parameters_json(job.parameters)},
+          {"inputs", files},
+          {"version", kVersion},
+          {"timing_s", {{"total", total_s}}},
+          {"peak_rss_mib", peak_rss_mib()},
+          {"gates", nlohmann::json::array()},
+          {"apertures", nlohmann::json::array()},
+          {"warnings", nlohmann::json::array()}};
+}
+
+Status write_splint(const SplintDesign& design, const DesignInputs& inputs, const fs::path& folder) {
+  if (design.verdict != "pass") return write_mesh(folder / "splint.rejected.stl", design.splint);
+  GNATHION_CHECK_OK(write_mesh(folder / "splint.stl", design.splint));
+  return write_3mf(folder / "splint.3mf", design.splint,
+                   splint_metadata(design, inputs.splint.therapeutic, inputs.files));
+}
+
+}  // namespace
+
+Result<DesignInputs> read_design_inputs(const DesignJob& job) {
+  DesignInputs in;
+  GNATHION_TRY(in.splint.maxilla, read_jaw(job.maxilla));
+  GNATHION_TRY(in.splint.mandible_mi, read_jaw(job.mandible));
+  GNATHION_TRY(in.motion, read_motion(job.transform));
+  in.splint.therapeutic = in.motion.motion;
+  for (const fs::path& path : {job.maxilla, job.mandible, job.transform}) {
+    GNATHION_TRY(InputRecord record, record_of(path));
+    in.files.push_back(std::move(record));
+  }
+  if (!job.occlusal_surface.empty()) {
+    GNATHION_TRY(in.splint.occlusal_surface, read_mesh(job.occlusal_surface));
+    GNATHION_TRY(InputRecord record, record_of(job.occlusal_surface));
+    in.files.push_back(std::move(record));
+  }
+  if (job.mandible_is_in_tp)
+    in.splint.mandible_mi = transformed(in.splint.therapeutic.rigid.inverse(), in.splint.mandible_mi);
+  return in;
+}
+
+Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, Progress& progress) {
+  const Stopwatch total;
+  progress.begin_step("reading the jaws", 0.05);
+  GNATHION_TRY(const DesignInputs inputs, read_design_inputs(job));
+
+  progress.begin_step("checking what can be realized", 0.10);
+  RealizabilityLimits limits;
+  limits.wall_mm = job.parameters.wall_mm;
+  limits.aperture_mm = job.parameters.aperture_limit_mm;
+  DesignOutcome outcome;
+  GNATHION_TRY(outcome.feasibility, check_realizability(inputs.splint.maxilla, inputs.splint.mandible_mi,
+                                                        inputs.splint.therapeutic, limits));
+  GNATHION_CHECK_OK(write_json(folder / "feasibility.json", feasibility_json(outcome.feasibility)));
+  if (outcome.feasibility.verdict == Verdict::kNotRealizable) {
+    outcome.report = refusal_json(job, inputs, outcome.feasibility, total.seconds());
+    GNATHION_CHECK_OK(write_json(folder / "design.json", outcome.report));
+    return outcome;
+  }
+
+  NestedProgress building(progress, "building and verifying the splint", 0.70);
+  GNATHION_TRY(outcome.design, design_splint(inputs.splint, job.parameters, building));
+
+  progress.begin_step("writing and drawing", 0.15);
+  GNATHION_CHECK_OK(write_splint(*outcome.design, inputs, folder));
+  outcome.report = design_json(*outcome.design, inputs.files, kVersion, total.seconds(), peak_rss_mib());
+  if (job.pictures) GNATHION_CHECK_OK(draw_design(inputs.splint, *outcome.design, folder / "pictures"));
+  GNATHION_CHECK_OK(write_json(folder / "design.json", outcome.report));
+  return outcome;
+}
+
+}  // namespace gnathion

@@ -1,0 +1,44 @@
+// From files to a splint's folder: read, check, design, verify, write. What `gnathion design` does.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "anatomy/realizability.h"
+#include "core/progress.h"
+#include "core/result.h"
+#include "core/transform_io.h"
+#include "design/splint.h"
+
+namespace gnathion {
+
+struct DesignJob {
+  std::filesystem::path maxilla, mandible, transform;
+  std::filesystem::path occlusal_surface;  ///< empty: found from the maxilla
+  bool mandible_is_in_tp = false;          ///< the file has the mandible in TP already
+  SplintParameters parameters;
+  bool pictures = true;
+};
+
+/// Inputs as read, in Dental, mandible in MI.
+struct DesignInputs {
+  SplintInputs splint;
+  MotionFile motion;
+  std::vector<InputRecord> files;
+};
+Result<DesignInputs> read_design_inputs(const DesignJob& job);
+
+struct DesignOutcome {
+  Feasibility feasibility;
+  std::optional<SplintDesign> design;  ///< absent when T_th is not realizable
+  nlohmann::json report;               ///< design.json
+  bool accepted() const { return design && design->verdict == "pass"; }
+};
+
+/// Writes into `folder` (which exists): design.json, feasibility.json, and splint.stl with splint.3mf and
+/// pictures, or splint.rejected.stl. A refusal is a value; errors are unreadable or invalid input.
+Result<DesignOutcome> run_design(const DesignJob& job, const std::filesystem::path& folder,
+                                 Progress& progress);
+
+}  // namespace gnathion
