@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "occlusion/crown_tops.h"
 #include "occlusion/horseshoe.h"
 #include "occlusion/mirror_line.h"
 #include "occlusion/point_grid.h"
@@ -88,11 +89,6 @@ Plane fit_plane(const std::vector<Vector3>& points) {
 /// Points of the crowns of both jaws, in the plane's own coordinates.
 struct Crowns {
   std::vector<Eigen::Vector2d> maxilla, mandible;
-  std::vector<Eigen::Vector2d> both() const {
-    auto out = maxilla;
-    out.insert(out.end(), mandible.begin(), mandible.end());
-    return out;
-  }
 };
 
 struct PlaneAxes {
@@ -253,7 +249,11 @@ Result<ArchFrame> find_arch(const TriangleMesh& maxilla, const TriangleMesh& man
   GNATHION_TRY(const PlaneAxes axes, find_midline(canonical, crowns_in_plane(upper, lower, canonical)));
   const Crowns crowns = crowns_in_plane(upper, lower, axes);
   GNATHION_CHECK_OK(refuse_exchanged_jaws(crowns));
-  const auto curve = middle_curve(crowns.both(), Eigen::Vector2d::Zero(), 0.5);
+  std::vector<Eigen::Vector2d> tops;
+  for (const auto& p : crown_tops(maxilla, axes.origin, axes.z, Arch::kMaxilla)) tops.push_back(axes.flat(p));
+  for (const auto& p : crown_tops(mandible_mi, axes.origin, axes.z, Arch::kMandible))
+    tops.push_back(axes.flat(p));
+  const auto curve = curve_through(tops);
   if (!curve) return bad_input(kWhat, "arch shape", "no arch curve can be drawn through the crowns");
 
   double centroid_y = 0.0;

@@ -36,6 +36,10 @@ struct ArchFrame {
 /// arch of the "mandible" overlaps that of the "maxilla" on the outside), no horseshoe.
 Result<ArchFrame> find_arch(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi);
 
+/// The same directions with the arch curve (and incisal point) of one jaw alone: teeth are measured along
+/// it. The common curve is kept where the jaw's own cannot be drawn.
+ArchFrame frame_of_jaw(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which);
+
 /// Arc-length coordinates along the arch curve of points given in Dental.
 struct ArchCoordinates {
   double s_mm =

@@ -137,7 +137,7 @@ std::optional<std::vector<Eigen::Vector2d>> middle_curve(const std::vector<Eigen
   const double span = phi.back() - phi.front();
   if (static_cast<double>(phi.size()) < 0.5 * span / (2.0 * kPi / kSectors)) return std::nullopt;
 
-  const Eigen::VectorXd c = fit_radius(phi, r, weight, 6);
+  const Eigen::VectorXd c = fit_radius(phi, r, weight, 4);
   std::vector<Eigen::Vector2d> line;
   for (int i = 0; i <= 400; ++i) {
     const double a = phi.front() + span * i / 400.0;
