@@ -7,9 +7,9 @@
 #include <memory>
 #include <vector>
 
-#include "acquisition/source.h"
 #include "core/camera_model.h"
 #include "core/mesh.h"
+#include "core/source.h"
 #include "core/time.h"
 #include "core/transform.h"
 #include "phantom/jaw_motion.h"

@@ -88,8 +88,10 @@ inline FilmScene test_scene() {
   const Matrix3 looking = (Matrix3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
   scene.camera_from_dental_at_rest =
       Transform<Camera, Dental>(Rigid3{exp_so3(Vector3(0.12, -0.1, 0.03)) * looking, Vector3(4, 8, 460)});
+  // Two degrees open about the hinge axis, a millimetre forward, a little to the left.
   scene.therapeutic =
-      Motion<Dental>(Rigid3{exp_so3(Vector3(2.2, 0.3, -0.6) * M_PI / 180), Vector3(0.6, -1.4, 0.3)});
+      Motion<Dental>(Rigid3::from_translation(Vector3(0.5, -1.2, -0.4)) *
+                     Rigid3::about_axis(Vector3(0, 90, 36), Vector3(1, 0.1, -0.15), 2.2 * M_PI / 180));
   scene.condyle_left_mm = Vector3(52, 90, 37);
   scene.condyle_right_mm = Vector3(-51, 91, 36);
   scene.incisal_point_mm = Vector3::Zero();

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "phantom/renderer_layers.h"
@@ -28,12 +29,16 @@ TagPlane::TagPlane(TagImage pattern, const BodyTag& tag) : image(std::move(patte
 
 namespace {
 
-/// Opacity and grey level times opacity.
+/// Opacity, and grey level times opacity.
 struct Paint {
   double alpha = 0, level = 0;
+  Paint& operator+=(const Paint& p) {
+    alpha += p.alpha, level += p.level;
+    return *this;
+  }
 };
-Paint mix(const Paint& a, const Paint& b, double share_of_b) {
-  return {a.alpha + (b.alpha - a.alpha) * share_of_b, a.level + (b.level - a.level) * share_of_b};
+Paint operator*(double share, const Paint& p) {
+  return {share * p.alpha, share * p.level};
 }
 
 /// The print as an endless grid of unit cells with the black square's upper left corner at (0, 0).
@@ -66,7 +71,7 @@ struct Footprint {
   double u, v, du_dx, du_dy, dv_dx, dv_dy;
 };
 
-/// Mean over the pixel where more than one edge crosses it: 89 points of a Fibonacci lattice.
+/// Mean over a pixel that several edges cross (a tag nearly edge-on): 89 points of a Fibonacci lattice.
 Paint sampled(const Print& print, const Footprint& f) {
   constexpr int kPoints = 89, kStep = 55;
   Paint sum;
@@ -74,10 +79,40 @@ Paint sampled(const Print& print, const Footprint& f) {
     const double x = (i + 0.5) / kPoints - 0.5, y = ((i * kStep) % kPoints + 0.5) / kPoints - 0.5;
     const Paint p = print.paint_of(
         print.kind(floor_int(f.u + f.du_dx * x + f.du_dy * y), floor_int(f.v + f.dv_dx * x + f.dv_dy * y)));
-    sum.alpha += p.alpha;
-    sum.level += p.level;
+    sum += {p.alpha / kPoints, p.level / kPoints};
   }
-  return {sum.alpha / kPoints, sum.level / kPoints};
+  return sum;
+}
+
+/// Share of the pixel where u > line_u and v > line_v: its square clipped twice.
+double share_beyond_both(const Footprint& f, double line_u, double line_v) {
+  struct Point {
+    double x, y;
+  };
+  std::array<Point, 8> polygon{{{-0.5, -0.5}, {0.5, -0.5}, {0.5, 0.5}, {-0.5, 0.5}}};
+  std::size_t count = 4;
+  const auto clip = [&](double a, double b, double d) {
+    std::array<Point, 8> kept;
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const Point p = polygon[i], q = polygon[(i + 1) % count];
+      const double at_p = a * p.x + b * p.y + d, at_q = a * q.x + b * q.y + d;
+      if (at_p > 0) kept[n++] = p;
+      if ((at_p > 0) == (at_q > 0)) continue;
+      const double s = at_p / (at_p - at_q);
+      kept[n++] = {p.x + s * (q.x - p.x), p.y + s * (q.y - p.y)};
+    }
+    polygon = kept;
+    count = n;
+  };
+  clip(f.du_dx, f.du_dy, f.u - line_u);
+  clip(f.dv_dx, f.dv_dy, f.v - line_v);
+  double twice = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const Point p = polygon[i], q = polygon[(i + 1) % count];
+    twice += p.x * q.y - p.y * q.x;
+  }
+  return 0.5 * std::abs(twice);
 }
 
 /// Mean of the print over one pixel.
@@ -87,20 +122,17 @@ Paint integrated(const Print& print, const Footprint& f) {
   const int c0 = floor_int(f.u - reach_u), c1 = floor_int(f.u + reach_u);
   const int r0 = floor_int(f.v - reach_v), r1 = floor_int(f.v + reach_v);
   if (c1 > c0 + 1 || r1 > r0 + 1) return sampled(print, f);
-  const int upper_left = print.kind(c0, r0);
-  if (c0 == c1 && r0 == r1) return print.paint_of(upper_left);
-  const int upper_right = print.kind(c1, r0), lower_left = print.kind(c0, r1),
-            lower_right = print.kind(c1, r1);
-  const bool edge_right = upper_left != upper_right || lower_left != lower_right;
-  const bool edge_down = upper_left != lower_left || upper_right != lower_right;
-  if (edge_right && edge_down) return sampled(print, f);
-  if (edge_right)
-    return mix(print.paint_of(upper_left), print.paint_of(upper_right),
-               covered_share(f.du_dx, f.du_dy, f.u - c1));
-  if (edge_down)
-    return mix(print.paint_of(upper_left), print.paint_of(lower_left),
-               covered_share(f.dv_dx, f.dv_dy, f.v - r1));
-  return print.paint_of(upper_left);
+  const Paint upper_left = print.paint_of(print.kind(c0, r0));
+  const double right = c1 > c0 ? covered_share(f.du_dx, f.du_dy, f.u - c1) : 0;
+  const double lower = r1 > r0 ? covered_share(f.dv_dx, f.dv_dy, f.v - r1) : 0;
+  if (right == 0 && lower == 0) return upper_left;
+  const double both = right > 0 && lower > 0 ? share_beyond_both(f, c1, r1) : 0;
+  Paint sum;
+  sum += (1 - right - lower + both) * upper_left;
+  if (right > 0) sum += (right - both) * print.paint_of(print.kind(c1, r0));
+  if (lower > 0) sum += (lower - both) * print.paint_of(print.kind(c0, r1));
+  if (both > 0) sum += both * print.paint_of(print.kind(c1, r1));
+  return sum;
 }
 
 /// A tag in one pose: (u, v, 1)/z = from_ray · (ray, 1).
@@ -181,8 +213,7 @@ void expose(const TagPlane& tag, const Print& print, const PlacedTag& placed, do
       if (f.u < low - reach || f.u > high + reach || f.v < low - reach || f.v > high + reach) continue;
       if (depth[x] * (1 / inverse_depth - kHiddenBehindMm) > 1) continue;
       const Paint p = integrated(print, f);
-      out[x - window.x0].alpha += weight * p.alpha;
-      out[x - window.x0].level += weight * p.level;
+      out[x - window.x0] += weight * p;
     }
   }
 }
