@@ -68,20 +68,61 @@ bool segment_meets_triangle(const Vector3& a, int a_side, const Vector3& b, int 
   return s2 * s0 >= 0 && s2 * s1 >= 0;
 }
 
+bool certainly_one_side(int s, int t) {
+  return s == t && (s == 1 || s == -1);
+}
+bool in_doubt(int s) {
+  return s == 0 || s == kUncertain;
+}
+
+/// Whether, seen along an axis, side k of t has the given corners strictly beyond it.
+template <std::size_t n>
+bool side_separates(const Corners& t, std::size_t k, const std::array<const Vector3*, n>& corners,
+                    const Projection& plane) {
+  for (const Vector3* corner : corners)
+    if (orient2d_sign(t[k], t[(k + 1) % 3], *corner, plane.x, plane.y) != -plane.winding) return false;
+  return true;
+}
+
+/// Seen along an axis, a side of one triangle has the other one beyond it. Decides cheaply between triangles
+/// in nearly one plane, where signs in space would cost exact arithmetic.
+bool separated_in_projection(const Corners& p, const Corners& q) {
+  const Projection plane = projection_of(p[0], p[1], p[2]);
+  Projection of_q = plane;
+  of_q.winding = orient2d_sign(q[0], q[1], q[2], plane.x, plane.y);
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (side_separates<3>(p, k, {&q[0], &q[1], &q[2]}, plane)) return true;
+    if (of_q.winding != 0 && side_separates<3>(q, k, {&p[0], &p[1], &p[2]}, of_q)) return true;
+  }
+  return false;
+}
+
+/// The same for triangles with a common vertex, corner i of p: only sides through it can separate. Above
+/// that vertex, p (which has area in the projection) has no other point.
+bool separated_beyond_vertex(const Corners& p, std::size_t i, const Vector3& q1, const Vector3& q2) {
+  const Projection plane = projection_of(p[0], p[1], p[2]);
+  return side_separates<2>(p, i, {&q1, &q2}, plane) || side_separates<2>(p, (i + 2) % 3, {&q1, &q2}, plane);
+}
+
 /// Side of each of p's corners to the plane of t.
+template <int (*kOrient)(const Vector3&, const Vector3&, const Vector3&, const Vector3&)>
 Signs sides(const Corners& p, const Corners& t) {
-  return {orient3d_sign(t[0], t[1], t[2], p[0]), orient3d_sign(t[0], t[1], t[2], p[1]),
-          orient3d_sign(t[0], t[1], t[2], p[2])};
+  return {kOrient(t[0], t[1], t[2], p[0]), kOrient(t[0], t[1], t[2], p[1]), kOrient(t[0], t[1], t[2], p[2])};
 }
 bool all_on_one_side(const Signs& s) {
-  return s[0] * s[1] > 0 && s[0] * s[2] > 0;
+  return certainly_one_side(s[0], s[1]) && certainly_one_side(s[0], s[2]);
 }
 
 bool any_common_point(const Corners& p, const Corners& q) {
-  const Signs p_sides = sides(p, q);
-  if (all_on_one_side(p_sides)) return false;
-  const Signs q_sides = sides(q, p);
-  if (all_on_one_side(q_sides)) return false;
+  Signs p_sides = sides<orient3d_filtered>(p, q), q_sides = sides<orient3d_filtered>(q, p);
+  if (all_on_one_side(p_sides) || all_on_one_side(q_sides)) return false;
+  if (std::any_of(p_sides.begin(), p_sides.end(), in_doubt) ||
+      std::any_of(q_sides.begin(), q_sides.end(), in_doubt)) {
+    if (separated_in_projection(p, q)) return false;
+    p_sides = sides<orient3d_sign>(p, q);
+    q_sides = sides<orient3d_sign>(q, p);
+    if (all_on_one_side(p_sides) || all_on_one_side(q_sides)) return false;
+  }
   // If they meet at all, a side of one meets the other.
   for (std::size_t k = 0; k < 3; ++k) {
     const std::size_t next = (k + 1) % 3;
@@ -95,19 +136,26 @@ bool any_common_point(const Corners& p, const Corners& q) {
 /// reaches as a segment from there to the far side of one triangle, at a point of the other.
 bool meet_beyond_vertex(const Corners& p, std::size_t i, const Corners& q, std::size_t j) {
   const Vector3 &p1 = p[(i + 1) % 3], &p2 = p[(i + 2) % 3], &q1 = q[(j + 1) % 3], &q2 = q[(j + 2) % 3];
-  const int p1_side = orient3d_sign(q[0], q[1], q[2], p1), p2_side = orient3d_sign(q[0], q[1], q[2], p2);
-  if (p1_side * p2_side > 0) return false;
-  const int q1_side = orient3d_sign(p[0], p[1], p[2], q1), q2_side = orient3d_sign(p[0], p[1], p[2], q2);
-  if (q1_side * q2_side > 0) return false;
-  return segment_meets_triangle(p1, p1_side, p2, p2_side, q) ||
-         segment_meets_triangle(q1, q1_side, q2, q2_side, p);
+  Signs p_sides{orient3d_filtered(q[0], q[1], q[2], p1), orient3d_filtered(q[0], q[1], q[2], p2), 0};
+  if (certainly_one_side(p_sides[0], p_sides[1])) return false;
+  Signs q_sides{orient3d_filtered(p[0], p[1], p[2], q1), orient3d_filtered(p[0], p[1], p[2], q2), 0};
+  if (certainly_one_side(q_sides[0], q_sides[1])) return false;
+  if (in_doubt(p_sides[0]) || in_doubt(p_sides[1]) || in_doubt(q_sides[0]) || in_doubt(q_sides[1])) {
+    if (separated_beyond_vertex(p, i, q1, q2) || separated_beyond_vertex(q, j, p1, p2)) return false;
+    p_sides = {orient3d_sign(q[0], q[1], q[2], p1), orient3d_sign(q[0], q[1], q[2], p2), 0};
+    q_sides = {orient3d_sign(p[0], p[1], p[2], q1), orient3d_sign(p[0], p[1], p[2], q2), 0};
+  }
+  return segment_meets_triangle(p1, p_sides[0], p2, p_sides[1], q) ||
+         segment_meets_triangle(q1, q_sides[0], q2, q_sides[1], p);
 }
 
-/// Corners a and b are an edge of both; c and d are the far corners.
+/// Corners a and b are an edge of both; c and d are the far corners. Only triangles in one plane, with c and
+/// d on the same side of the edge, have more in common than the edge.
 bool meet_beyond_edge(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
-  if (orient3d_sign(a, b, c, d) != 0) return false;
+  const int side = orient3d_filtered(a, b, c, d);
+  if (!in_doubt(side)) return false;
   const Projection plane = projection_of(a, b, c);
-  return orient2d_sign(a, b, d, plane.x, plane.y) == plane.winding;
+  return orient2d_sign(a, b, d, plane.x, plane.y) == plane.winding && orient3d_sign(a, b, c, d) == 0;
 }
 
 }  // namespace

@@ -112,7 +112,7 @@ int exact_orient2d_sign(const Vector3& a, const Vector3& b, const Vector3& c, in
 
 }  // namespace
 
-int orient3d_sign(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
+int orient3d_filtered(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
   const double adx = a.x() - d.x(), ady = a.y() - d.y(), adz = a.z() - d.z();
   const double bdx = b.x() - d.x(), bdy = b.y() - d.y(), bdz = b.z() - d.z();
   const double cdx = c.x() - d.x(), cdy = c.y() - d.y(), cdz = c.z() - d.z();
@@ -124,8 +124,13 @@ int orient3d_sign(const Vector3& a, const Vector3& b, const Vector3& c, const Ve
   const double bound = kBound3d * permanent;
   if (det > bound) return 1;
   if (det < -bound) return -1;
-  if (permanent == 0.0) return 0;  // every product has a zero factor, as in a plane along two axes
-  return exact_orient3d_sign(a, b, c, d);
+  // Without any permanent every product has a zero factor, as in a plane along two axes.
+  return permanent == 0.0 ? 0 : kUncertain;
+}
+
+int orient3d_sign(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
+  const int sign = orient3d_filtered(a, b, c, d);
+  return sign == kUncertain ? exact_orient3d_sign(a, b, c, d) : sign;
 }
 
 int orient2d_sign(const Vector3& a, const Vector3& b, const Vector3& c, int x, int y) {
