@@ -1,0 +1,85 @@
+#include "rendering/window.h"
+
+#include <EGL/egl.h>
+#include <EGL/eglext.h>
+#include <vtkAutoInit.h>
+#include <vtkGenericOpenGLRenderWindow.h>
+#include <vtkLogger.h>
+#include <vtkNew.h>
+#include <vtkObject.h>
+#include <vtkPNGWriter.h>
+#include <vtkUnsignedCharArray.h>
+#include <vtkWindowToImageFilter.h>
+
+#include <string_view>
+
+#include "core/file.h"
+
+VTK_MODULE_INIT(vtkRenderingOpenGL2)
+VTK_MODULE_INIT(vtkRenderingFreeType)
+VTK_MODULE_INIT(vtkRenderingContextOpenGL2)
+VTK_MODULE_INIT(vtkInteractionStyle)
+
+namespace gnathion {
+namespace {
+
+/// The process's one OpenGL context that belongs to no window; lives until the process ends.
+bool make_context_current() {
+  static EGLDisplay display = EGL_NO_DISPLAY;
+  static EGLContext context = [] {
+    const auto get_display =
+        reinterpret_cast<PFNEGLGETPLATFORMDISPLAYEXTPROC>(eglGetProcAddress("eglGetPlatformDisplayEXT"));
+    if (!get_display) return EGL_NO_CONTEXT;
+    display = get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
+    if (!eglInitialize(display, nullptr, nullptr) || !eglBindAPI(EGL_OPENGL_API)) return EGL_NO_CONTEXT;
+    const EGLint wanted[] = {EGL_CONTEXT_MAJOR_VERSION,
+                             3,
+                             EGL_CONTEXT_MINOR_VERSION,
+                             2,
+                             EGL_CONTEXT_OPENGL_PROFILE_MASK,
+                             EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                             EGL_NONE};
+    // No surface is ever made, so no framebuffer configuration is needed (EGL_KHR_no_config_context).
+    return eglCreateContext(display, EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT, wanted);
+  }();
+  return context != EGL_NO_CONTEXT && eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context);
+}
+
+}  // namespace
+
+Result<vtkSmartPointer<vtkRenderWindow>> offscreen_window(int width_px, int height_px) {
+  // VTK's loader complains that there is no GLX display; the functions it needs are there all the same.
+  vtkLogger::SetStderrVerbosity(vtkLogger::VERBOSITY_OFF);
+  vtkObject::GlobalWarningDisplayOff();
+  if (!make_context_current())
+    return fail(ErrorCode::kInternal, "cannot draw", "OpenGL",
+                "no surfaceless EGL context (Mesa's libgl1-mesa-dri)");
+  auto window = vtkSmartPointer<vtkGenericOpenGLRenderWindow>::New();
+  window->SetOwnContext(false);
+  window->SetReadyForRendering(true);
+  window->SetSupportsOpenGL(1);
+  window->SetIsCurrent(true);
+  window->SetOffScreenRendering(true);
+  window->SetMultiSamples(0);  // far faster in software; edges are smoothed by FXAA
+  window->SetSize(width_px, height_px);
+  return vtkSmartPointer<vtkRenderWindow>(window);
+}
+
+Status save_window(vtkRenderWindow& window, const std::filesystem::path& png) {
+  window.Render();
+  vtkNew<vtkWindowToImageFilter> grab;
+  grab->SetInput(&window);
+  grab->SetInputBufferTypeToRGB();
+  grab->ReadFrontBufferOff();
+  vtkNew<vtkPNGWriter> writer;
+  writer->SetInputConnection(grab->GetOutputPort());
+  writer->WriteToMemoryOn();
+  writer->Write();
+  vtkUnsignedCharArray* bytes = writer->GetResult();
+  if (!bytes || bytes->GetNumberOfValues() == 0)
+    return fail(ErrorCode::kInternal, "cannot draw", png.string(), "no picture came out of the renderer");
+  return write_file(png, std::string_view(reinterpret_cast<const char*>(bytes->GetPointer(0)),
+                                          static_cast<std::size_t>(bytes->GetNumberOfValues())));
+}
+
+}  // namespace gnathion

@@ -1,0 +1,20 @@
+// Off-screen VTK windows and PNG files, without any display; internal to rendering.
+#pragma once
+
+#include <filesystem>
+
+#include <vtkSmartPointer.h>
+
+#include "core/result.h"
+
+class vtkRenderWindow;
+
+namespace gnathion {
+
+/// A window that draws into memory. Debian's VTK knows only X11 windows, so the OpenGL context comes from
+/// Mesa's surfaceless EGL platform and VTK draws into it. One thread at a time in the whole process.
+Result<vtkSmartPointer<vtkRenderWindow>> offscreen_window(int width_px, int height_px);
+/// Renders and writes the window's picture, whole or not at all.
+Status save_window(vtkRenderWindow& window, const std::filesystem::path& png);
+
+}  // namespace gnathion
