@@ -36,7 +36,8 @@ struct Closure {
   double distance_mm = 0, sigma_mm = 0;  ///< at the reference point
   double angle_deg = 0, sigma_deg = 0;
   double sigmas = 0;  ///< √(ξᵀ Σ⁻¹ ξ / 6) of the difference
-  bool consistent() const { return sigmas <= 3.0; }
+  /// Within what 99.73 % (3σ) of such differences stay: χ² of 6 degrees of freedom up to 20.1.
+  bool consistent() const { return sigmas * sigmas <= 20.1 / 6; }
 };
 
 struct PlateauOptions {
