@@ -136,7 +136,7 @@ std::optional<ToothPartition> best_cut(const Profile& profile, const std::vector
       if (k + 1 == midline) next[i] += 0.25 * off_midline * off_midline;
       next[i] += k + 1 == teeth
                      ? kUncoveredCostPerMm * (profile.tops_before.back() - profile.tops_before[i]) -
-                           profile.left_end[i]
+                           kEndWeight * profile.left_end[i]
                      : -profile.valley[i];
     }
     cost = std::move(next);
