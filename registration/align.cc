@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 
 #include "core/mesh_query.h"
 #include "registration/coarse.h"
@@ -28,6 +29,12 @@ double held_out_rms_mm(const SurfaceSamples& held_out, const MeshQuery& target, 
   std::vector<PlanePair> pairs = associate(held_out, target, keep, fit.target_from_source, {gate_mm, 0.5});
   weigh(pairs, fit.target_from_source, fit.scale_mm);
   return weighted_rms_mm(pairs, fit.target_from_source);
+}
+
+Vector3 centroid_of(const SurfaceSamples& samples) {
+  Vector3 sum = Vector3::Zero();
+  for (const Vector3& p : samples.points_mm) sum += p;
+  return sum / static_cast<double>(std::max<std::size_t>(1, samples.size()));
 }
 
 }  // namespace
@@ -88,13 +95,13 @@ Result<Alignment> align_surfaces(const TriangleMesh& source, const TriangleMesh&
   if (!lu.isInvertible()) return bad_input("cannot align", options.name, "undetermined: the surface slides");
   const Matrix6 bread = lu.inverse();
   const ResidualNoise noise = estimate_noise(fit.pairs, fit.target_from_source);
-  const Vector6 by_scale = bread * scale_score(fit.pairs, fit.target_from_source);
+  const Vector6 by_scale = bread * source_scale_score(fit.pairs, fit.target_from_source, centroid_of(fitted));
   result.covariance = bread * score_covariance(fit.pairs, fit.target_from_source, noise) * bread +
                       options.scale_sigma * options.scale_sigma * by_scale * by_scale.transpose();
   result.covariance = 0.5 * (result.covariance + result.covariance.transpose()).eval();
-  result.noise_sigma_mm = noise.white_sigma_mm;
-  result.correlated_sigma_mm = noise.correlated_sigma_mm;
-  result.correlation_length_mm = noise.length_mm;
+  result.noise_sigma_mm = noise.white_sigma_mm();
+  result.correlated_sigma_mm = noise.correlated_sigma_mm();
+  result.correlation_length_mm = noise.length_mm();
   const Conditioning conditions = conditioning(fit.pairs, fit.target_from_source, result.covariance);
   result.condition = conditions.condition;
   result.weak = conditions.weak;

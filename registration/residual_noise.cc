@@ -16,7 +16,7 @@ namespace gnathion {
 namespace {
 
 constexpr std::size_t kNoiseSamples = 320;  // Cholesky of this size is a few milliseconds
-constexpr std::size_t kMaxCells = 1500;
+constexpr std::size_t kMaxCells = 1200;
 
 struct NoiseData {
   Eigen::VectorXd residuals;
@@ -83,77 +83,84 @@ void evaluate(const NoiseData& data, NoiseModel& m) {
   m.log_likelihood = -0.5 * (freedom * std::log(m.variance) + log_det_v + log_det_h);
 }
 
-NoiseModel best_of(const NoiseData& data, std::vector<NoiseModel> models) {
-  tbb::parallel_for(std::size_t{0}, models.size(), [&](std::size_t i) { evaluate(data, models[i]); });
-  return *std::max_element(models.begin(), models.end(),
-                           [](const auto& a, const auto& b) { return a.log_likelihood < b.log_likelihood; });
-}
-
-std::vector<NoiseModel> coarse_grid() {
+std::vector<NoiseModel> evaluated(const NoiseData& data) {
   std::vector<NoiseModel> models{{1.0, 0.0, false}};
   for (const bool vector_field : {false, true}) {
-    for (const double length : {2.0, 4.0, 7.0, 12.0, 20.0}) {
-      for (const double share : {0.1, 0.3, 0.5, 0.7, 0.9}) models.push_back({length, share, vector_field});
+    for (const double length : {2.0, 3.5, 6.0, 10.0, 16.0}) {
+      for (const double share : {0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95}) {
+        models.push_back({length, share, vector_field});
+      }
     }
   }
-  return models;
-}
-
-std::vector<NoiseModel> grid_around(const NoiseModel& m) {
-  std::vector<NoiseModel> models{m};
-  for (const double factor : {0.77, 1.0, 1.3}) {
-    for (const double step : {-0.1, -0.05, 0.0, 0.05, 0.08}) {
-      const double share = m.share + step;
-      if (share > 0.0 && share < 0.99) models.push_back({m.length_mm * factor, share, m.vector_field});
-    }
-  }
+  tbb::parallel_for(std::size_t{0}, models.size(), [&](std::size_t i) { evaluate(data, models[i]); });
   return models;
 }
 
 }  // namespace
+
+double ResidualNoise::white_sigma_mm() const {
+  double sum = 0.0;
+  for (const Model& m : models) sum += m.probability * m.white_sigma_mm * m.white_sigma_mm;
+  return std::sqrt(sum);
+}
+
+double ResidualNoise::correlated_sigma_mm() const {
+  double sum = 0.0;
+  for (const Model& m : models) sum += m.probability * m.correlated_sigma_mm * m.correlated_sigma_mm;
+  return std::sqrt(sum);
+}
+
+double ResidualNoise::length_mm() const {
+  double sum = 0.0, total = 0.0;
+  for (const Model& m : models) {
+    const double weight = m.probability * m.correlated_sigma_mm * m.correlated_sigma_mm;
+    sum += weight * m.length_mm;
+    total += weight;
+  }
+  return total > 0.0 ? sum / total : 0.0;
+}
 
 ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source) {
   const NoiseData data = gather(pairs, target_from_source);
   ResidualNoise noise;
   if (data.residuals.size() < 20) {
     // Too few to tell: as if one patch, all correlated.
-    noise.correlated_sigma_mm = weighted_rms_mm(pairs, target_from_source);
-    noise.length_mm = 10.0;
+    noise.models.push_back({1.0, 0.0, weighted_rms_mm(pairs, target_from_source), 10.0, false});
     return noise;
   }
-  NoiseModel best = best_of(data, coarse_grid());
-  if (best.share > 0.0) best = best_of(data, grid_around(best));
-  noise.white_sigma_mm = std::sqrt(best.variance * (1.0 - best.share));
-  noise.correlated_sigma_mm = std::sqrt(best.variance * best.share);
-  noise.length_mm = best.length_mm;
-  noise.vector_field = best.vector_field;
+  const std::vector<NoiseModel> models = evaluated(data);
+  double best = -std::numeric_limits<double>::infinity(), total = 0.0;
+  for (const NoiseModel& m : models) best = std::max(best, m.log_likelihood);
+  for (const NoiseModel& m : models) {
+    const double likelihood = std::exp(m.log_likelihood - best);
+    if (!(likelihood > 0.03)) continue;
+    total += likelihood;
+    noise.models.push_back({likelihood, std::sqrt(m.variance * (1.0 - m.share)),
+                            std::sqrt(m.variance * m.share), m.length_mm, m.vector_field});
+  }
+  for (ResidualNoise::Model& m : noise.models) m.probability /= total;
   return noise;
 }
 
-Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                         const ResidualNoise& noise) {
-  using Matrix63 = Eigen::Matrix<double, 6, 3>;
-  struct Cell {
-    Vector3 sum_mm = Vector3::Zero();
-    double count = 0.0;
-    Vector6 score = Vector6::Zero();
-    Matrix63 by_axis = Matrix63::Zero();
-  };
-  Matrix6 white = Matrix6::Zero();
-  for (const PlanePair& p : pairs) {
-    const Vector6 j = p.weight * p.jacobian(target_from_source);
-    white += j * j.transpose();
-  }
-  white *= noise.white_sigma_mm * noise.white_sigma_mm;
-  if (!(noise.correlated_sigma_mm > 0.0)) return white;
+namespace {
 
-  // Within a cell much smaller than ℓ the correlated noise is one number, so scores add up.
-  std::map<std::tuple<long, long, long>, Cell> cells;
-  for (double size = noise.length_mm / 3.0;; size *= 1.3) {
-    cells.clear();
+using Matrix63 = Eigen::Matrix<double, 6, 3>;
+
+/// The scores of a patch much smaller than ℓ, where the correlated noise is one number.
+struct Cell {
+  Vector3 sum_mm = Vector3::Zero();
+  double count = 0.0;
+  Vector6 score = Vector6::Zero();
+  Matrix63 by_axis = Matrix63::Zero();
+};
+
+std::vector<Cell> cells_of(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                           double size_mm) {
+  for (;; size_mm *= 1.3) {
+    std::map<std::tuple<long, long, long>, Cell> cells;
     for (const PlanePair& p : pairs) {
       if (!(p.weight > 0.0)) continue;
-      const Vector3 at = (p.target_mm / size).array().floor();
+      const Vector3 at = (p.target_mm / size_mm).array().floor();
       Cell& cell = cells[{std::lround(at.x()), std::lround(at.y()), std::lround(at.z())}];
       const Vector6 j = p.weight * p.jacobian(target_from_source);
       cell.sum_mm += p.target_mm;
@@ -161,37 +168,84 @@ Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& targ
       cell.score += j;
       cell.by_axis += j * p.normal.transpose();
     }
-    if (cells.size() <= kMaxCells) break;
+    if (cells.size() > kMaxCells) continue;
+    std::vector<Cell> out;
+    for (const auto& [key, cell] : cells) out.push_back(cell);
+    return out;
   }
-  Matrix6 correlated = Matrix6::Zero();
-  for (const auto& [ka, a] : cells) {
-    for (const auto& [kb, b] : cells) {
-      const double d2 = (a.sum_mm / a.count - b.sum_mm / b.count).squaredNorm();
-      const double k = std::exp(-d2 / (2.0 * noise.length_mm * noise.length_mm));
-      if (k < 1e-4) continue;
-      if (noise.vector_field) {
-        correlated += k * a.by_axis * b.by_axis.transpose();
-      } else {
-        correlated += k * a.score * b.score.transpose();
-      }
-    }
-  }
-  return white + noise.correlated_sigma_mm * noise.correlated_sigma_mm * correlated;
 }
 
-Vector6 scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source) {
-  Vector3 centre = Vector3::Zero();
-  double total = 0.0;
-  for (const PlanePair& p : pairs) {
-    centre += p.weight * (target_from_source * p.source_mm);
-    total += p.weight;
+/// Of unit noise with range ℓ.
+Matrix6 correlated_score(const std::vector<Cell>& cells, double length_mm, bool vector_field) {
+  Matrix6 sum = Matrix6::Zero();
+  for (std::size_t a = 0; a < cells.size(); ++a) {
+    const Vector3 at = cells[a].sum_mm / cells[a].count;
+    Vector6 score = Vector6::Zero();
+    Matrix63 by_axis = Matrix63::Zero();
+    for (const Cell& b : cells) {
+      const double u = (at - b.sum_mm / b.count).squaredNorm() / (2.0 * length_mm * length_mm);
+      if (u > 9.0) continue;
+      const double k = std::exp(-u);
+      if (vector_field) {
+        by_axis += k * b.by_axis;
+      } else {
+        score += k * b.score;
+      }
+    }
+    if (vector_field) {
+      sum += cells[a].by_axis * by_axis.transpose();
+    } else {
+      sum += cells[a].score * score.transpose();
+    }
   }
-  Vector6 score = Vector6::Zero();
-  if (!(total > 0.0)) return score;
-  centre /= total;
+  return 0.5 * (sum + sum.transpose());
+}
+
+}  // namespace
+
+Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                         const ResidualNoise& noise) {
+  Matrix6 white = Matrix6::Zero();
   for (const PlanePair& p : pairs) {
-    const double change = p.normal.dot(target_from_source * p.source_mm - centre);
+    const Vector6 j = p.weight * p.jacobian(target_from_source);
+    white += j * j.transpose();
+  }
+  // One correlated part for each range and kind, with the variance that all models together give it.
+  std::map<std::pair<double, bool>, double> variances;
+  Matrix6 total = Matrix6::Zero();
+  for (const ResidualNoise::Model& m : noise.models) {
+    total += m.probability * m.white_sigma_mm * m.white_sigma_mm * white;
+    if (m.correlated_sigma_mm > 0.0) {
+      variances[{m.length_mm, m.vector_field}] +=
+          m.probability * m.correlated_sigma_mm * m.correlated_sigma_mm;
+    }
+  }
+  std::vector<std::pair<std::pair<double, bool>, double>> parts(variances.begin(), variances.end());
+  std::vector<Matrix6> sums(parts.size(), Matrix6::Zero());
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t i) {
+    const auto& [length_mm, vector_field] = parts[i].first;
+    sums[i] = parts[i].second *
+              correlated_score(cells_of(pairs, target_from_source, length_mm / 3.0), length_mm, vector_field);
+  });
+  for (const Matrix6& s : sums) total += s;
+  return total;
+}
+
+Vector6 source_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                           const Vector3& centre_mm) {
+  Vector6 score = Vector6::Zero();
+  for (const PlanePair& p : pairs) {
+    const double change = p.normal.dot(target_from_source.rotation * (p.source_mm - centre_mm));
     score += p.weight * change * p.jacobian(target_from_source);
+  }
+  return score;
+}
+
+Vector6 target_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                           const Vector3& centre_mm) {
+  Vector6 score = Vector6::Zero();
+  for (const PlanePair& p : pairs) {
+    score -= p.weight * p.normal.dot(p.target_mm - centre_mm) * p.jacobian(target_from_source);
   }
   return score;
 }

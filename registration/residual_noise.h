@@ -14,12 +14,21 @@
 namespace gnathion {
 
 struct ResidualNoise {
-  double white_sigma_mm = 0.0;
-  double correlated_sigma_mm = 0.0;
-  double length_mm = 0.0;  ///< ℓ
-  /// True: a field of displacement vectors (the correlation of residuals carries nᵢ·nⱼ); false: of depths
-  /// along the normals. Whichever the residuals prefer.
-  bool vector_field = false;
+  /// One description of the noise that the residuals allow.
+  struct Model {
+    double probability = 1.0;
+    double white_sigma_mm = 0.0;
+    double correlated_sigma_mm = 0.0;
+    double length_mm = 10.0;  ///< ℓ
+    /// True: a field of displacement vectors (the correlation of residuals carries nᵢ·nⱼ); false: of depths
+    /// along the normals.
+    bool vector_field = false;
+  };
+  /// Residuals seldom tell the range sharply; all models that they allow count, by their likelihood.
+  std::vector<Model> models;
+  double white_sigma_mm() const;
+  double correlated_sigma_mm() const;
+  double length_mm() const;  ///< mean over the models, weighted by correlated variance
 };
 
 /// From the pairs with weight > 0; at most a few hundred of them are used.
@@ -30,8 +39,12 @@ ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& 
 Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
                          const ResidualNoise& noise);
 
-/// Σ w J ∂r/∂scale: what a relative scale of the source, about its centroid, does to the score.
-Vector6 scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source);
+/// Σ w J ∂r/∂s for a source that is (1 + s) too large about `centre_mm` (source frame).
+Vector6 source_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                           const Vector3& centre_mm);
+/// The same for the target about `centre_mm` (target frame).
+Vector6 target_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                           const Vector3& centre_mm);
 
 /// How well the information determines the pose: lengths scaled by the cloud's radius, about its centroid.
 struct Conditioning {

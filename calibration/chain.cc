@@ -1,0 +1,274 @@
+#include "calibration/chain.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "calibration/chain_derived.h"
+#include "calibration/chain_problem.h"
+#include "registration/coarse.h"
+
+namespace gnathion {
+namespace {
+
+// Poses of the joint problem: ChainState's, then the clutch scan's, which only serves T_D.
+constexpr int kBowFromClutch = kChainStates;
+constexpr int kTD = static_cast<int>(ChainState::kBowFromDental);
+constexpr int kTF = static_cast<int>(ChainState::kBowFromFace);
+constexpr int kTFTp = static_cast<int>(ChainState::kBowFromFaceTp);
+constexpr int kHead = static_cast<int>(ChainState::kFaceMiFromFaceTp);
+enum Scanner { kIntraoral = 0, kClutch, kFace, kScanners };
+
+constexpr double kScanNoise_mm = 0.03;  // of two scans against each other
+constexpr double kOnBow_mm = 1.0;       // a face scan's surface this near to the found bow is the bow's
+constexpr double kOffBow_mm = 4.0;      // and beyond this it is not
+constexpr double kRigidHead_mm = 0.04;  // soft tissue that shifts more is not head
+constexpr std::size_t kPointsPerTerm = 6000;
+
+/// A scan with its distance queries and the centre about which its scale error acts.
+struct Scan {
+  const TriangleMesh& mesh;
+  MeshQuery query;
+  Vector3 centre_mm;
+  explicit Scan(const TriangleMesh& m) : mesh(m), query(m), centre_mm(surface_centroid_mm(m)) {}
+};
+
+Vector3 triangle_centre(const TriangleMesh& mesh, std::size_t t) {
+  return (mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0;
+}
+
+/// Distance of each triangle's centre to a surface under a pose; `far_mm` where there is none nearer.
+std::vector<double> distances_to(const TriangleMesh& mesh, const MeshQuery& surface,
+                                 const Rigid3& surface_from_mesh, double far_mm) {
+  std::vector<double> out(mesh.triangles.size(), far_mm);
+  for (std::size_t t = 0; t < out.size(); ++t) {
+    const auto closest = surface.closest(surface_from_mesh * triangle_centre(mesh, t), far_mm);
+    if (closest) out[t] = closest->distance_mm;
+  }
+  return out;
+}
+
+std::vector<bool> where(const std::vector<double>& values, double low, double high) {
+  std::vector<bool> out(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) out[i] = values[i] >= low && values[i] <= high;
+  return out;
+}
+
+struct Found {
+  Rigid3 pose;
+  double scale_mm = 0.0;
+};
+
+/// Coarse search and a first fit of the kept part of `source` on the kept part of `target`.
+Result<Found> locate(const SearchSurface& source, const SearchSurface& target, const MeshQuery& query,
+                     const CoarseOptions& options) {
+  GNATHION_TRY(const CoarseMatch match, find_pose(source, target, query, options));
+  const SurfaceSamples samples = sample_surface(*source.mesh, source.keep, 4000, options.seed);
+  IcpOptions icp;
+  icp.first_gate_mm = 2.0;
+  icp.last_gate_mm = 0.6;
+  icp.noise_mm = 0.5 * kScanNoise_mm;
+  const IcpResult fit = robust_icp(samples, query, target.keep, match.target_from_source, icp);
+  return Found{fit.target_from_source, fit.scale_mm};
+}
+
+CoarseOptions coarse(const std::string& name, double overlap, std::uint64_t seed) {
+  CoarseOptions o;
+  o.name = name;
+  o.overlap = overlap;
+  o.noise_mm = kScanNoise_mm;
+  o.seed = seed;
+  return o;
+}
+
+std::vector<bool> all_of(const TriangleMesh& mesh) {
+  return std::vector<bool>(mesh.triangles.size(), true);
+}
+
+SurfaceTerm term_of(std::string name, const TriangleMesh& scan, const std::vector<bool>& keep,
+                    const MeshQuery& surface, std::uint64_t seed) {
+  SurfaceTerm term;
+  term.name = std::move(name);
+  term.surface = &surface;
+  set_samples(term, sample_surface(scan, keep, kPointsPerTerm * 5 / 4, seed));
+  return term;
+}
+
+/// T_D: the clutch scan's teeth on the lower arch, the rest of it on the bow.
+Status add_clutch(const ChainScans& scans, const Scan& mandible, const Scan& clutch, const Scan& bow,
+                  std::uint64_t seed, std::vector<Rigid3>& poses, std::vector<SurfaceTerm>& terms) {
+  GNATHION_TRY(const Found on_teeth, locate({&scans.clutch_scan, all_of(scans.clutch_scan)},
+                                            {&scans.mandible_mi, all_of(scans.mandible_mi)}, mandible.query,
+                                            coarse("clutch scan on lower arch", 0.5, seed)));
+  const std::vector<double> off_teeth = distances_to(scans.clutch_scan, mandible.query, on_teeth.pose, 5.0);
+  const std::vector<bool> not_teeth = where(off_teeth, 0.5, 5.0);
+  GNATHION_TRY(const Found on_bow,
+               locate({&scans.clutch_scan, not_teeth}, {&scans.bow_model, all_of(scans.bow_model)}, bow.query,
+                      coarse("clutch scan on bow", 0.7, seed)));
+  poses[kBowFromClutch] = on_bow.pose;
+  poses[kTD] = on_bow.pose * on_teeth.pose.inverse();
+
+  const std::vector<double> off_bow = distances_to(scans.clutch_scan, bow.query, on_bow.pose, 5.0);
+  std::vector<bool> teeth = where(off_teeth, 0.0, 0.4), bow_part = where(off_bow, 0.0, 0.4);
+  for (std::size_t t = 0; t < teeth.size(); ++t) {
+    // Where clutch and teeth meet, the nearer one has it, and what could be either has none.
+    if (off_bow[t] < 0.6) teeth[t] = false;
+    if (off_teeth[t] < 0.5) bow_part[t] = false;
+  }
+  SurfaceTerm on_arch =
+      term_of("clutch scan on lower arch", scans.clutch_scan, teeth, mandible.query, seed + 1);
+  on_arch.left = kTD;
+  on_arch.right = kBowFromClutch;
+  on_arch.scanner = kClutch;
+  on_arch.scale_centre_mm = clutch.centre_mm;
+  on_arch.surface_scanner = kIntraoral;
+  on_arch.surface_scale_centre_mm = mandible.centre_mm;
+  terms.push_back(std::move(on_arch));
+  SurfaceTerm on_cad = term_of("clutch scan on bow", scans.clutch_scan, bow_part, bow.query, seed + 2);
+  on_cad.right = kBowFromClutch;
+  on_cad.scanner = kClutch;
+  on_cad.scale_centre_mm = clutch.centre_mm;
+  terms.push_back(std::move(on_cad));
+  return {};
+}
+
+/// The bow in a face scan: its pose into poses[state], and what of the scan is not bow.
+Result<std::vector<bool>> add_bow_in_face(const ChainScans& scans, const Scan& face, const Scan& bow,
+                                          int state, const std::string& name, std::uint64_t seed,
+                                          std::vector<Rigid3>& poses, std::vector<SurfaceTerm>& terms) {
+  GNATHION_TRY(const Found found,
+               locate({&scans.bow_model, all_of(scans.bow_model)}, {&face.mesh, all_of(face.mesh)},
+                      face.query, coarse(name, 0.4, seed)));
+  poses[static_cast<std::size_t>(state)] = found.pose.inverse();
+  const std::vector<double> off_bow = distances_to(face.mesh, bow.query, found.pose.inverse(), kOffBow_mm);
+  SurfaceTerm term = term_of(name, face.mesh, where(off_bow, 0.0, kOnBow_mm), bow.query, seed + 3);
+  term.right = state;
+  term.scanner = kFace;
+  term.scale_centre_mm = face.centre_mm;
+  terms.push_back(std::move(term));
+  return where(off_bow, kOffBow_mm, kOffBow_mm);
+}
+
+/// The head between the two face scans, by all that is rigid in them and not bow.
+Status add_head(const Scan& face_mi, const Scan& face_tp, const std::vector<bool>& head_mi,
+                const std::vector<bool>& head_tp, std::uint64_t seed, std::vector<Rigid3>& poses,
+                std::vector<SurfaceTerm>& terms) {
+  const std::string name = "head between face scans";
+  GNATHION_TRY(const Found found, locate({&face_tp.mesh, head_tp}, {&face_mi.mesh, head_mi}, face_mi.query,
+                                         coarse(name, 0.6, seed)));
+  poses[kHead] = found.pose;
+  SurfaceTerm term = term_of(name, face_tp.mesh, head_tp, face_mi.query, seed + 4);
+  term.keep = head_mi;
+  term.right = kHead;
+  term.scale_cap_mm = kRigidHead_mm;
+  term.scanner = kFace;
+  term.scale_centre_mm = face_tp.centre_mm;
+  term.surface_scanner = kFace;
+  term.surface_scale_centre_mm = face_mi.centre_mm;
+  terms.push_back(std::move(term));
+  return {};
+}
+
+/// A pose of the chain that leans on some of the terms.
+ChainPose pose_from(const Rigid3& value, const Matrix6& covariance,
+                    const std::vector<const SurfaceTerm*>& terms, const std::vector<Rigid3>& poses) {
+  ChainPose pose;
+  pose.value = value;
+  pose.covariance = 0.5 * (covariance + covariance.transpose());
+  double sum = 0.0, held_out = 0.0;
+  for (const SurfaceTerm* term : terms) {
+    sum += term->rms_mm * term->rms_mm / static_cast<double>(terms.size());
+    held_out += term->held_out_mm * term->held_out_mm / static_cast<double>(terms.size());
+    const Rigid3 x = pose_of(*term, poses);
+    const Matrix6 bread = information(term->pairs, x).inverse();
+    const Matrix6 own = bread * score_covariance(term->pairs, x, term->noise) * bread;
+    const Conditioning c = conditioning(term->pairs, x, own);
+    pose.condition = std::max(pose.condition, c.condition);
+    for (const std::string& w : c.weak) pose.weak.push_back(term->name + ": " + w);
+  }
+  pose.rms_mm = std::sqrt(sum);
+  pose.held_out_mm = std::sqrt(held_out);
+  return pose;
+}
+
+Status check_units(const TriangleMesh& mesh, const char* name, double least_mm, double most_mm) {
+  if (mesh.empty()) return bad_input("cannot solve chain", name, "missing or empty");
+  const double size = bounding_box(mesh).size_mm().maxCoeff();
+  if (size >= least_mm && size <= most_mm) return {};
+  const char* unit = size < 1.0        ? " (metres?)"
+                     : size < least_mm ? " (centimetres?)"
+                     : size > 10000    ? " (micrometres?)"
+                                       : "";
+  return bad_input(
+      "cannot solve chain", name,
+      fmt::format("{:.4g} mm large; {:.0f} to {:.0f} mm expected{}", size, least_mm, most_mm, unit));
+}
+
+Status check_scans(const ChainScans& scans) {
+  GNATHION_CHECK_OK(check_units(scans.mandible_mi, "mandible in MI", 25, 150));
+  GNATHION_CHECK_OK(check_units(scans.clutch_scan, "clutch scan", 25, 200));
+  GNATHION_CHECK_OK(check_units(scans.bow_model, "bow model", 25, 500));
+  if (scans.face_mi.empty() && scans.face_tp.empty()) return {};
+  GNATHION_CHECK_OK(check_units(scans.face_mi, "face scan in MI", 80, 800));
+  return check_units(scans.face_tp, "face scan in TP", 80, 800);
+}
+
+}  // namespace
+
+Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, Progress& progress) {
+  GNATHION_CHECK_OK(check_scans(scans));
+  const bool faces = !scans.face_mi.empty();
+  const Scan mandible(scans.mandible_mi), clutch(scans.clutch_scan), bow(scans.bow_model);
+  std::vector<Rigid3> poses(kChainStates + 1);
+  std::vector<SurfaceTerm> terms;
+
+  progress.begin_step("clutch scan to lower teeth and bow", 0.25);
+  GNATHION_CHECK_OK(add_clutch(scans, mandible, clutch, bow, options.seed, poses, terms));
+  std::optional<Scan> face_mi, face_tp;
+  if (faces) {
+    face_mi.emplace(scans.face_mi);
+    face_tp.emplace(scans.face_tp);
+    progress.begin_step("bow in the face scans", 0.3);
+    GNATHION_TRY(const std::vector<bool> head_mi,
+                 add_bow_in_face(scans, *face_mi, bow, kTF, "bow in face scan in MI", options.seed + 10,
+                                 poses, terms));
+    GNATHION_TRY(const std::vector<bool> head_tp,
+                 add_bow_in_face(scans, *face_tp, bow, kTFTp, "bow in face scan in TP", options.seed + 20,
+                                 poses, terms));
+    progress.begin_step("head between the face scans", 0.2);
+    GNATHION_CHECK_OK(add_head(*face_mi, *face_tp, head_mi, head_tp, options.seed + 30, poses, terms));
+  }
+
+  progress.begin_step("all poses together", 0.25);
+  // Without faces, only T_D and the clutch scan's pose are unknown.
+  if (!faces) {
+    poses = {poses[kTD], poses[kBowFromClutch]};
+    terms[0].right = terms[1].right = 1;
+  }
+  const std::vector<double> scale_sigmas(kScanners, options.scan_scale_sigma);
+  GNATHION_TRY(const ChainSolution solution, solve_poses(poses, terms, scale_sigmas));
+
+  Chain chain;
+  chain.has_faces = faces;
+  const auto& x = solution.poses;
+  const auto block = [&](int a, int b) -> Matrix6 { return solution.covariance.block<6, 6>(6 * a, 6 * b); };
+  chain.bow_from_dental = pose_from(x[kTD], block(kTD, kTD), {&terms[0], &terms[1]}, x);
+  if (!faces) {
+    chain.joint.block<6, 6>(0, 0) = block(kTD, kTD);
+    return chain;
+  }
+  chain.joint = solution.covariance.topLeftCorner<6 * kChainStates, 6 * kChainStates>();
+  chain.bow_from_face = pose_from(x[kTF], block(kTF, kTF), {&terms[2]}, x);
+  chain.bow_from_face_tp = pose_from(x[kTFTp], block(kTFTp, kTFTp), {&terms[3]}, x);
+  chain.face_mi_from_face_tp = pose_from(x[kHead], block(kHead, kHead), {&terms[4]}, x);
+  const auto derived = [&](const ChainDerived& d, const std::vector<const SurfaceTerm*>& from) {
+    return pose_from(d.value, d.jacobian * chain.joint * d.jacobian.transpose(), from, x);
+  };
+  chain.dental_from_face = derived(dental_from_face_of(chain), {&terms[0], &terms[1], &terms[2]});
+  chain.bow_motion = derived(bow_motion_of(chain), {&terms[2], &terms[3], &terms[4]});
+  return chain;
+}
+
+}  // namespace gnathion

@@ -1,0 +1,60 @@
+// The joint least-squares problem over the chain's poses: point-to-plane residuals of every registration at
+// once.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/mesh_query.h"
+#include "core/result.h"
+#include "registration/residual_noise.h"
+#include "registration/robust_icp.h"
+#include "registration/surface_samples.h"
+
+namespace gnathion {
+
+/// One registration of the chain: samples of a scan and the surface that they lie on. The pose that brings
+/// them together is poses[right], or poses[left]⁻¹·poses[right].
+struct SurfaceTerm {
+  std::string name;
+  SurfaceSamples fitted, held_out;
+  const MeshQuery* surface = nullptr;
+  std::vector<bool> keep;  ///< of the surface's triangles; empty: all
+  std::optional<int> left;
+  int right = 0;
+  double gate_mm = 1.0;
+  double noise_floor_mm = 0.01;
+  /// The loss never widens beyond this scale: what does not fit so well is not rigid.
+  double scale_cap_mm = 1e9;
+  /// Scanners whose scale the samples and the surface carry (index into scale sigmas), −1: none (CAD).
+  int scanner = -1, surface_scanner = -1;
+  Vector3 scale_centre_mm = Vector3::Zero(), surface_scale_centre_mm = Vector3::Zero();
+
+  // Results.
+  std::vector<PlanePair> pairs;
+  double scale_mm = 0.0;
+  ResidualNoise noise;
+  double rms_mm = 0.0, held_out_mm = 0.0;
+};
+
+/// Splits samples: every fifth is held out.
+void set_samples(SurfaceTerm& term, const SurfaceSamples& all);
+
+struct ChainSolution {
+  std::vector<Rigid3> poses;
+  Eigen::MatrixXd
+      covariance;  ///< of all poses' left perturbations, 6 each, correlated noise and scale included
+};
+
+/// Associates, solves (Ceres), associates again until the poses stand still; then the covariance. Terms come
+/// back with their results. Errors (kInput) name a term with too few points or a direction that no term
+/// determines.
+Result<ChainSolution> solve_poses(std::vector<Rigid3> start, std::vector<SurfaceTerm>& terms,
+                                  const std::vector<double>& scanner_scale_sigmas);
+
+/// The pose of a term.
+Rigid3 pose_of(const SurfaceTerm& term, const std::vector<Rigid3>& poses);
+
+}  // namespace gnathion

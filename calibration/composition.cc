@@ -1,0 +1,167 @@
+#include "calibration/composition.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "calibration/chain_derived.h"
+#include "registration/align.h"
+
+namespace gnathion {
+namespace {
+
+Matrix6 symmetric(const Matrix6& m) {
+  return 0.5 * (m + m.transpose());
+}
+
+Matrix6 carried(const Matrix6& jacobian, const Matrix6& covariance) {
+  return jacobian * covariance * jacobian.transpose();
+}
+
+/// T_th = T_D⁻¹·A·T_D for a motion A of the bow in its own frame; its Jacobian by T_D.
+/// T_D⁻¹ moves by −Ad_{T_D⁻¹}, the last T_D, behind T_D⁻¹·A, by Ad_{T_D⁻¹·A}.
+TherapeuticEstimate from_bow_motion(const ChainPose& bow_from_dental, const Rigid3& motion_in_bow) {
+  const Rigid3 dental_from_bow = bow_from_dental.value.inverse();
+  TherapeuticEstimate e;
+  e.therapeutic.value = Motion<Dental>(dental_from_bow * motion_in_bow * bow_from_dental.value);
+  e.by_bow_from_dental = adjoint(dental_from_bow * motion_in_bow) - adjoint(dental_from_bow);
+  e.therapeutic.covariance = carried(e.by_bow_from_dental, bow_from_dental.covariance);
+  return e;
+}
+
+/// What of an estimate's covariance does not come from the shared T_D. Kept positive definite against
+/// rounding.
+Matrix6 own_covariance(const TherapeuticEstimate& e, const Matrix6& shared) {
+  Matrix6 own = symmetric(e.therapeutic.covariance - carried(e.by_bow_from_dental, shared));
+  const Eigen::SelfAdjointEigenSolver<Matrix6> solver(own);
+  const double floor = 1e-12 * std::max(1e-12, solver.eigenvalues().cwiseAbs().maxCoeff());
+  return solver.eigenvectors() * solver.eigenvalues().cwiseMax(floor).asDiagonal() *
+         solver.eigenvectors().transpose();
+}
+
+ChainPose pose_of(const Alignment& a) {
+  ChainPose pose;
+  pose.value = a.target_from_source;
+  pose.covariance = a.covariance;
+  pose.rms_mm = a.rms_mm;
+  pose.held_out_mm = a.held_out_mm;
+  pose.condition = a.condition;
+  pose.weak = a.weak;
+  return pose;
+}
+
+}  // namespace
+
+TherapeuticEstimate therapeutic_from_faces(const Chain& chain) {
+  const ChainDerived d = therapeutic_of(chain);
+  TherapeuticEstimate e;
+  e.therapeutic.value = Motion<Dental>(d.value);
+  e.therapeutic.covariance = symmetric(d.jacobian * chain.joint * d.jacobian.transpose());
+  e.by_bow_from_dental = d.jacobian.block<6, 6>(0, 6 * static_cast<int>(ChainState::kBowFromDental));
+  return e;
+}
+
+TherapeuticEstimate therapeutic_from_camera(const ChainPose& bow_from_dental,
+                                            const Uncertain<Transform<HeadFrame, Bow>>& head_from_bow_mi,
+                                            const Uncertain<Transform<HeadFrame, Bow>>& head_from_bow_tp) {
+  const Rigid3 bow_from_head = head_from_bow_mi.value.rigid.inverse();
+  TherapeuticEstimate e = from_bow_motion(bow_from_dental, bow_from_head * head_from_bow_tp.value.rigid);
+  // K0⁻¹ moves by −Ad_{T_D⁻¹K0⁻¹}, K1 behind it by the same with the other sign.
+  const Matrix6 by_pose = adjoint(bow_from_dental.value.inverse() * bow_from_head);
+  e.therapeutic.covariance += carried(by_pose, head_from_bow_mi.covariance + head_from_bow_tp.covariance);
+  e.therapeutic.covariance = symmetric(e.therapeutic.covariance);
+  return e;
+}
+
+TherapeuticEstimate therapeutic_from_camera(const ChainPose& bow_from_dental, const BowAndHead<Camera>& at_mi,
+                                            const BowAndHead<Camera>& at_tp,
+                                            const Matrix6& relative_motion_covariance) {
+  const Motion<Camera> motion = relative_motion(at_mi, at_tp);
+  const Rigid3 m0 = at_mi.f_from_bow.rigid;
+  TherapeuticEstimate e = from_bow_motion(bow_from_dental, m0.inverse() * motion.rigid * m0);
+  e.therapeutic.covariance +=
+      carried(adjoint(bow_from_dental.value.inverse() * m0.inverse()), relative_motion_covariance);
+  e.therapeutic.covariance = symmetric(e.therapeutic.covariance);
+  return e;
+}
+
+RouteComparison compare_routes(const TherapeuticEstimate& a, const TherapeuticEstimate& b,
+                               const Matrix6& shared, const std::vector<Vector3>& points_mm) {
+  const Rigid3 &xa = a.therapeutic.value.rigid, &xb = b.therapeutic.value.rigid;
+  RouteComparison c;
+  c.difference = xa * xb.inverse();
+  c.angle_deg = c.difference.angle_rad() * 57.29577951308232;
+  const Matrix6 covariance = own_covariance(a, shared) + own_covariance(b, shared) +
+                             carried(a.by_bow_from_dental - b.by_bow_from_dental, shared);
+  const Vector6 xi = log_se3(c.difference);
+  const double chi2 = std::max(0.0, xi.dot(symmetric(covariance).ldlt().solve(xi)));
+  c.mahalanobis = std::sqrt(chi2);
+  // Survival function of χ² with 6 degrees of freedom, in closed form.
+  c.chi2_p_value = std::exp(-0.5 * chi2) * (1.0 + 0.5 * chi2 + 0.125 * chi2 * chi2);
+  c.consistent = c.chi2_p_value >= 0.003;
+  for (const Vector3& p : points_mm) c.largest_mm = std::max(c.largest_mm, (xa * p - xb * p).norm());
+  return c;
+}
+
+TherapeuticEstimate fuse_routes(const TherapeuticEstimate& a, const TherapeuticEstimate& b,
+                                const Matrix6& shared) {
+  const Matrix6 own_a = own_covariance(a, shared), own_b = own_covariance(b, shared);
+  // W = Σ_b(Σ_a + Σ_b)⁻¹ is a's weight; no inverse of the single covariances is needed.
+  const Matrix6 weight_a = symmetric(own_a + own_b).ldlt().solve(own_b).transpose();
+  const Matrix6 weight_b = Matrix6::Identity() - weight_a;
+  const Rigid3& xb = b.therapeutic.value.rigid;
+  const Vector6 apart = difference(a.therapeutic.value.rigid, xb);
+  TherapeuticEstimate fused;
+  fused.therapeutic.value = Motion<Dental>(exp_se3(weight_a * apart) * xb);
+  fused.by_bow_from_dental = weight_a * a.by_bow_from_dental + weight_b * b.by_bow_from_dental;
+  fused.therapeutic.covariance = symmetric(carried(weight_a, own_a) + carried(weight_b, own_b) +
+                                           carried(fused.by_bow_from_dental, shared));
+  return fused;
+}
+
+std::vector<LandmarkDisplacement> displacement_bounds(const Uncertain<Motion<Dental>>& therapeutic,
+                                                      const std::vector<Vector3>& landmarks_mm) {
+  constexpr double kChi2_3_95 = 7.814727903251179;  // 95 % quantile of χ² with 3 degrees of freedom
+  std::vector<LandmarkDisplacement> out;
+  for (const Vector3& p : landmarks_mm) {
+    LandmarkDisplacement d;
+    d.at_mm = p;
+    const Vector3 moved = therapeutic.value * p;
+    d.displacement_mm = moved - p;
+    d.length_mm = d.displacement_mm.norm();
+    d.covariance_mm2 = point_covariance(therapeutic.covariance, moved);
+    const Eigen::SelfAdjointEigenSolver<Matrix3> solver(d.covariance_mm2, Eigen::EigenvaluesOnly);
+    d.bound95_mm = std::sqrt(kChi2_3_95 * std::max(0.0, solver.eigenvalues()[2]));
+    out.push_back(d);
+  }
+  return out;
+}
+
+Result<TwoScanResult> therapeutic_from_scans(const TriangleMesh& maxilla_mi, const TriangleMesh& mandible_mi,
+                                             const TriangleMesh& maxilla_tp, const TriangleMesh& mandible_tp,
+                                             const ChainOptions& options, Progress& progress) {
+  AlignOptions align;
+  align.noise_mm = 0.03;
+  align.gate_mm = 1.0;
+  align.scale_sigma = std::sqrt(2.0) * options.scan_scale_sigma;  // of either session
+  align.seed = options.seed;
+
+  progress.begin_step("upper arches", 0.5);
+  align.name = "maxilla in TP on maxilla in MI";
+  GNATHION_TRY(const Alignment upper, align_surfaces(maxilla_tp, maxilla_mi, align));
+  progress.begin_step("lower arches", 0.5);
+  align.name = "mandible in MI on mandible in TP";
+  GNATHION_TRY(const Alignment lower, align_surfaces(mandible_mi, mandible_tp, align));
+
+  // L_th = T·L1 with T by the upper arches; T_th brings L0 there.
+  TwoScanResult result;
+  result.dental_from_intraoral_tp = pose_of(upper);
+  result.mandible = pose_of(lower);
+  result.therapeutic.value = Motion<Dental>(upper.target_from_source * lower.target_from_source);
+  result.therapeutic.covariance =
+      symmetric(composed_covariance(upper.covariance, upper.target_from_source, lower.covariance));
+  return result;
+}
+
+}  // namespace gnathion
