@@ -1,5 +1,6 @@
 // How a mesh's triangles meet: components, boundary, manifoldness, genus.
 #include <algorithm>
+#include <unordered_map>
 
 #include "core/mesh_edges.h"
 
@@ -23,6 +24,25 @@ struct Surface {
   long faces = 0, edges = 0, fans = 0;
   bool closed_manifold = true;
 };
+
+/// A rim that comes through a vertex twice is two loops that touch there.
+void split_at_repeated_vertices(const std::vector<std::uint32_t>& rim,
+                                std::vector<std::vector<std::uint32_t>>& loops) {
+  std::vector<std::uint32_t> open;
+  std::unordered_map<std::uint32_t, std::size_t> place;
+  for (const std::uint32_t vertex : rim) {
+    const auto [before, fresh] = place.try_emplace(vertex, open.size());
+    if (!fresh) {
+      const auto from = open.begin() + static_cast<std::ptrdiff_t>(before->second);
+      loops.emplace_back(from, open.end());
+      for (auto it = from + 1; it != open.end(); ++it) place.erase(*it);
+      open.erase(from + 1, open.end());
+    } else {
+      open.push_back(vertex);
+    }
+  }
+  loops.push_back(std::move(open));
+}
 
 }  // namespace
 
@@ -124,8 +144,8 @@ MeshTopology mesh_topology(const TriangleMesh& mesh) {
 }
 
 std::vector<std::vector<std::uint32_t>> boundary_loops(const TriangleMesh& mesh) {
-  // Boundary sides, in triangle order and direction, between fans (not vertices), so that two holes that
-  // touch in one vertex stay two loops.
+  // Boundary sides, in triangle order and direction, are followed from fan to fan (not from vertex to
+  // vertex), so that the rims of two surfaces that touch in one vertex stay apart.
   const MeshEdges edges(mesh);
   DisjointSets fans = corner_fans(mesh, edges);
   struct Side {
@@ -170,7 +190,7 @@ std::vector<std::vector<std::uint32_t>> boundary_loops(const TriangleMesh& mesh)
       side = next_side(fan);
     }
     // At a non-manifold edge a chain may run out of sides: it closes no hole and is left out.
-    if (side != kNone) loops.push_back(std::move(loop));
+    if (side != kNone) split_at_repeated_vertices(loop, loops);
   }
   return loops;
 }
