@@ -93,7 +93,8 @@ std::optional<Kind> kind_of(std::string_view bytes, const std::string& name) {
   if (looks_like_ascii_stl(bytes)) return Kind::kStlAscii;
   const std::string extension = lower_extension(name);
   if (extension == ".stl") return Kind::kStlBinary;
-  if (extension == ".obj" || (extension != ".ply" && looks_like_obj(bytes))) return Kind::kObj;
+  if (extension == ".obj" && is_text(bytes.substr(0, 1024))) return Kind::kObj;
+  if (extension != ".ply" && looks_like_obj(bytes)) return Kind::kObj;
   return std::nullopt;
 }
 
