@@ -25,7 +25,7 @@ struct SplintParameters {
   double depth_mm = 4.0;         ///< cutting plane, behind the local occlusal level of the arch
   double occlusion_clearance_mm = 0.2;  ///< o, to the mandible in TP outside contacts (reference plugin: 0.2)
   double aperture_limit_mm = 0.5;       ///< w_a, less than this between cavity and mandible opens an aperture
-  double stamp_height_mm = 2.0;  ///< height of S_occ over the local occlusal level that is carried to TP
+  double stamp_height_mm = 3.5;  ///< height of S_occ over the local occlusal level that is carried to TP
   double draft_deg = 35.0;       ///< draft of the stamp's side walls against a
   double smoothing_mm = 2.0;     ///< radius of the concave fillets between shell and stamp
   double rim_radius_mm = 0.4;    ///< rounding of the rim

@@ -1,4 +1,5 @@
-// 3MF files through lib3mf.
+// 3MF files (core specification 1.x). Written here, because lib3mf 1.8 puts random identifiers into its files
+// and cannot declare a namespace for metadata; the tests read them back through lib3mf.
 #pragma once
 
 #include <filesystem>
@@ -11,8 +12,8 @@
 
 namespace gnathion {
 
-/// One mesh, unit millimetre. Metadata names are put under the prefix "gnathion:" (3MF core wants own names
-/// in a namespace). Whole or not at all; deterministic bytes are lib3mf's zip with a fixed time stamp.
+/// One mesh, unit millimetre, coordinates to 1e-5 mm. Metadata names get the prefix "gnathion:" (own names
+/// belong in a namespace). Whole or not at all; the same input gives the same bytes.
 Status write_3mf(const std::filesystem::path& path, const TriangleMesh& mesh,
                  const std::vector<std::pair<std::string, std::string>>& metadata);
 

@@ -1,0 +1,112 @@
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/transform_io.h"
+#include "design/splint.h"
+
+namespace gnathion {
+namespace {
+
+using nlohmann::json;
+
+json point(const Vector3& p) {
+  return {p.x(), p.y(), p.z()};
+}
+
+json mesh_facts(const SplintVerification& v) {
+  return {{"vertices", v.topology.vertices},     {"triangles", v.topology.triangles},
+          {"components", v.topology.components}, {"watertight", v.topology.watertight()},
+          {"manifold", v.topology.manifold()},   {"self_intersections", v.self_intersections},
+          {"genus", v.topology.genus},           {"volume_mm3", v.volume_mm3}};
+}
+
+json contact_facts(const SplintVerification& v) {
+  json per_tooth = json::array();
+  for (const ToothArea& tooth : v.contacts.per_tooth)
+    per_tooth.push_back({{"fdi", tooth.fdi}, {"area_mm2", tooth.area_mm2}});
+  return {{"count", v.contacts.patches.size()},
+          {"area_mm2", v.contacts.area_mm2},
+          {"left_area_mm2", v.contacts.left_area_mm2},
+          {"right_area_mm2", v.contacts.right_area_mm2},
+          {"front_area_mm2", v.contacts.front_area_mm2},
+          {"natural_area_mm2", v.natural_contact_area_mm2},
+          {"kept_fraction", v.kept_fraction},
+          {"per_tooth", per_tooth}};
+}
+
+json aperture_facts(const std::vector<Aperture>& apertures) {
+  json out = json::array();
+  for (const Aperture& a : apertures)
+    out.push_back({{"area_mm2", a.area_mm2},
+                   {"centre_mm", point(a.centre_mm)},
+                   {"teeth", a.teeth},
+                   {"cause", a.cause}});
+  return out;
+}
+
+json seating_facts(const std::optional<PredictedSeating>& seating) {
+  if (!seating) return nullptr;
+  return {
+      {"alpha_deg", seating->alpha_deg}, {"t_mm", seating->t_mm}, {"max_tooth_mm", seating->max_tooth_mm}};
+}
+
+json input_facts(const std::vector<InputRecord>& inputs) {
+  json out = json::array();
+  for (const InputRecord& i : inputs) out.push_back({{"path", i.path}, {"sha256", i.sha256}});
+  return out;
+}
+
+}  // namespace
+
+json design_json(const SplintDesign& design, const std::vector<InputRecord>& inputs,
+                 const std::string& version, double total_s, double peak_rss_mib) {
+  const SplintVerification& v = design.verification;
+  json timing = {{"total", total_s}};
+  for (const auto& [stage, seconds] : design.timing_s) timing[stage] = seconds;
+  json gates = json::array();
+  for (const Gate& g : design.gates)
+    gates.push_back(
+        {{"name", g.name}, {"value", g.value}, {"limit", g.limit}, {"pass", g.pass}, {"blocks", g.blocks}});
+  return {{"verdict", design.verdict},
+          {"violated", design.violated},
+          {"parameters", parameters_json(design.parameters)},
+          {"inputs", input_facts(inputs)},
+          {"version", version},
+          {"timing_s", timing},
+          {"peak_rss_mib", peak_rss_mib},
+          {"mesh", mesh_facts(v)},
+          {"thickness_mm",
+           {{"min", v.thickness.min_mm},
+            {"p01", v.thickness.p01_mm},
+            {"median", v.thickness.median_mm},
+            {"where_mm", point(v.thickness.where_mm)}}},
+          {"seat_gap_mm",
+           {{"min", v.seat_gap.min_mm}, {"median", v.seat_gap.median_mm}, {"max", v.seat_gap.max_mm}}},
+          {"maxilla_penetration_mm", v.maxilla_penetration_mm},
+          {"mandible_penetration_mm", v.mandible_penetration_mm},
+          {"contacts", contact_facts(v)},
+          {"contact_surface_error_mm",
+           {{"mean_abs", v.contact_surface_error.mean_abs_mm},
+            {"p99", v.contact_surface_error.p99_mm},
+            {"max", v.contact_surface_error.max_mm}}},
+          {"apertures", aperture_facts(v.apertures)},
+          {"thin_under_contact_mm2", v.thin_under_contact_mm2},
+          {"predicted_seating", seating_facts(v.predicted_seating)},
+          {"gates", gates},
+          {"warnings", design.warnings}};
+}
+
+std::vector<std::pair<std::string, std::string>> splint_metadata(const SplintDesign& design,
+                                                                 const Motion<Dental>& therapeutic,
+                                                                 const std::vector<InputRecord>& inputs) {
+  std::vector<std::pair<std::string, std::string>> out;
+  out.emplace_back("T_th", matrix_json(therapeutic.rigid.matrix()).dump());
+  out.emplace_back("parameters", parameters_json(design.parameters).dump());
+  for (std::size_t i = 0; i < inputs.size(); ++i)
+    out.emplace_back(fmt::format("input_{}", i + 1), inputs[i].path + " sha256:" + inputs[i].sha256);
+  return out;
+}
+
+}  // namespace gnathion

@@ -1,0 +1,38 @@
+#include "design/gates.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kPenetrationMm = 0.02;
+constexpr double kWallToleranceMm = 0.02;  // of triangles at 0.1 mm voxels
+
+Gate at_most(const std::string& name, double value, double limit, bool blocks = true) {
+  return {name, value, limit, value <= limit, blocks};
+}
+Gate at_least(const std::string& name, double value, double limit, bool blocks = true) {
+  return {name, value, limit, value >= limit, blocks};
+}
+
+}  // namespace
+
+std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParameters& p,
+                               double side_wall_p01_mm) {
+  const auto count = [](std::size_t n) { return static_cast<double>(n); };
+  std::vector<Gate> gates;
+  gates.push_back(at_most("open_edges", count(v.topology.boundary_edges), 0));
+  gates.push_back(
+      at_most("non_manifold", count(v.topology.non_manifold_edges + v.topology.non_manifold_vertices), 0));
+  gates.push_back({"components", count(v.topology.components), 1, v.topology.components == 1, true});
+  gates.push_back(at_most("self_intersections", count(v.self_intersections), 0));
+  gates.push_back(at_most("maxilla_penetration_mm", v.maxilla_penetration_mm, kPenetrationMm));
+  gates.push_back(at_most("mandible_penetration_mm", v.mandible_penetration_mm, kPenetrationMm));
+  gates.push_back(at_least("wall_min_mm", v.thickness.min_mm, p.aperture_limit_mm - kWallToleranceMm));
+  gates.push_back(at_least("side_wall_p01_mm", side_wall_p01_mm, p.wall_mm - kWallToleranceMm));
+  gates.push_back(at_most("contact_surface_p99_mm", v.contact_surface_error.p99_mm, 0.02, false));
+  gates.push_back(at_least("contacts_left_mm2", v.contacts.left_area_mm2, 0.1, false));
+  gates.push_back(at_least("contacts_right_mm2", v.contacts.right_area_mm2, 0.1, false));
+  gates.push_back(at_least("contacts_kept_fraction", v.kept_fraction, 0.5, false));
+  return gates;
+}
+
+}  // namespace gnathion

@@ -1,0 +1,120 @@
+#include "design/splint.h"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "core/time.h"
+#include "design/extraction.h"
+#include "design/gates.h"
+#include "design/splint_field.h"
+#include "design/verification_steps.h"
+#include "occlusion/crowns.h"
+#include "occlusion/teeth.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kIslandMm3 = 2.0;  // a dropped piece larger than this deserves a warning
+
+/// Tells the progress and takes the time of each step.
+class Steps {
+ public:
+  Steps(Progress& progress, StageTimes& times) : progress_(progress), times_(times) {}
+  ~Steps() { finish(); }
+  void begin(const std::string& name, double share) {
+    finish();
+    name_ = name;
+    progress_.begin_step(name, share);
+    watch_.restart();
+  }
+  void finish() {
+    if (!name_.empty()) times_.emplace_back(name_, watch_.seconds());
+    name_.clear();
+  }
+
+ private:
+  Progress& progress_;
+  StageTimes& times_;
+  std::string name_;
+  Stopwatch watch_;
+};
+
+TriangleMesh extract(const SplintField& field) {
+  ExtractionField f;
+  f.estimate = [&](const Vector3& p) { return field.estimate(p).value; };
+  f.exact = [&](const Vector3& p) { return field.exact(p).value; };
+  return extracted_surface(f, field.preparation().coarse, field.preparation().refinement);
+}
+
+void warn_of_pieces(const LargestPiece& pieces, std::vector<std::string>& warnings) {
+  if (pieces.largest_island_mm3 > kIslandMm3)
+    warnings.push_back(
+        fmt::format("a piece of {:.1f} mm³ that nothing holds was removed", pieces.largest_island_mm3));
+}
+
+/// Surfaces that pictures and profiles show beside the splint.
+void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
+                  SplintDesign& design) {
+  const Rigid3 dental = preparation.design_from_dental.inverse();
+  design.mandible_tp = transformed(inputs.therapeutic.rigid, inputs.mandible_mi);
+  const TriangleMesh occlusal =
+      inputs.occlusal_surface
+          ? *inputs.occlusal_surface
+          : region_mesh(inputs.maxilla, crown_region(inputs.maxilla, preparation.arch, Arch::kMaxilla,
+                                                     design.parameters.stamp_height_mm));
+  design.occlusal_surface_tp = transformed(inputs.therapeutic.rigid, occlusal);
+  design.cavity = transformed(dental, splint.region({SurfacePart::kCavity}));
+  design.outer =
+      transformed(dental, splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint}));
+}
+
+void judge(SplintDesign& design, double side_wall_p01_mm) {
+  design.gates = splint_gates(design.verification, design.parameters, side_wall_p01_mm);
+  for (const Gate& gate : design.gates)
+    if (gate.blocks && !gate.pass) design.violated.push_back(gate.name);
+  design.verdict = design.violated.empty() ? "pass" : "fail";
+}
+
+}  // namespace
+
+Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParameters& parameters,
+                                   Progress& progress) {
+  GNATHION_CHECK_OK(check_parameters(parameters));
+  SplintDesign design;
+  design.parameters = parameters;
+  {
+    Steps steps(progress, design.timing_s);
+    steps.begin("preparation", 0.1);
+    GNATHION_TRY(const Preparation preparation, prepare(inputs, parameters));
+    design.arch = preparation.arch;
+    design.warnings = preparation.warnings;
+
+    steps.begin("shells and stamp", 0.25);
+    const SplintField field(preparation, parameters);
+
+    steps.begin("extraction", 0.3);
+    LargestPiece pieces = largest_piece(extract(field));
+    warn_of_pieces(pieces, design.warnings);
+    if (pieces.mesh.empty())
+      return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");
+    const FinishedSplint splint(std::move(pieces.mesh), field);
+
+    steps.begin("verification", 0.35);
+    double side_wall_p01_mm = 0.0;
+    verify_topology(splint, design.verification);
+    verify_walls(splint, field, design.verification, &side_wall_p01_mm);
+    verify_fit(splint, preparation, design.verification);
+    verify_contacts(inputs, splint, preparation, design.verification);
+    design.verification.apertures = found_apertures(
+        field, inputs.maxilla, assign_teeth(inputs.maxilla, preparation.arch, Arch::kMaxilla));
+    const Rigid3 dental = preparation.design_from_dental.inverse();
+    design.verification.thickness.where_mm = dental * design.verification.thickness.where_mm;
+    judge(design, side_wall_p01_mm);
+    design.splint = transformed(dental, splint.mesh());
+    add_pictures(inputs, splint, preparation, design);
+  }
+  return design;
+}
+
+}  // namespace gnathion

@@ -1,0 +1,38 @@
+// The single measurements behind SplintVerification. Meshes in the design frame; private to design/.
+#pragma once
+
+#include "design/splint_field.h"
+#include "design/verification.h"
+
+namespace gnathion {
+
+/// The finished mesh with what the measurements share.
+struct FinishedSplint {
+  MeshQuery query;                 ///< the splint
+  std::vector<SurfacePart> parts;  ///< of each vertex
+  FinishedSplint(TriangleMesh mesh, const SplintField& field);
+  const TriangleMesh& mesh() const { return query.mesh(); }
+  /// Triangles whose three corners are of the given parts.
+  TriangleMesh region(std::initializer_list<SurfacePart> wanted) const;
+};
+
+/// Topology, self-intersections, volume.
+void verify_topology(const FinishedSplint& splint, SplintVerification& out);
+
+/// Distance between the cavity's and the outer surface. `side_wall_p01_mm`: the 1st percentile where the
+/// outer surface is not shaped by the mandible.
+void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
+                  double* side_wall_p01_mm);
+
+/// Gap to the maxilla and penetration of both jaws.
+void verify_fit(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out);
+
+/// Contacts of the mandible in TP, compared with the natural ones in MI, and the contact surface's error.
+void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
+                     SplintVerification& out);
+
+/// Apertures, from the film between cavity and mandible on the coarse grid.
+std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& maxilla_dental,
+                                      const std::vector<std::uint8_t>& maxilla_fdi);
+
+}  // namespace gnathion

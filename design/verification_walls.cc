@@ -1,0 +1,77 @@
+#include <algorithm>
+
+#include "design/parallel.h"
+#include "design/verification_steps.h"
+
+namespace gnathion {
+
+FinishedSplint::FinishedSplint(TriangleMesh mesh, const SplintField& field) : query(std::move(mesh)) {
+  parts.resize(query.mesh().vertices_mm.size());
+  parallel_each(parts.size(),
+                [&](std::size_t v) { parts[v] = field.estimate(query.mesh().vertices_mm[v]).part; });
+}
+
+TriangleMesh FinishedSplint::region(std::initializer_list<SurfacePart> wanted) const {
+  std::vector<bool> keep(mesh().triangles.size());
+  for (std::size_t t = 0; t < keep.size(); ++t)
+    keep[t] = std::all_of(mesh().triangles[t].begin(), mesh().triangles[t].end(), [&](std::uint32_t v) {
+      return std::find(wanted.begin(), wanted.end(), parts[v]) != wanted.end();
+    });
+  return submesh(mesh(), keep);
+}
+
+void verify_topology(const FinishedSplint& splint, SplintVerification& out) {
+  out.topology = mesh_topology(splint.mesh());
+  out.self_intersections = self_intersections(splint.mesh()).size();
+  out.volume_mm3 = signed_volume_mm3(splint.mesh());
+}
+
+void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
+                  double* side_wall_p01_mm) {
+  const SplintParameters& par = field.parameters();
+  const TriangleMesh cavity = splint.region({SurfacePart::kCavity});
+  const TriangleMesh outer = splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint});
+  *side_wall_p01_mm = 0.0;
+  if (cavity.empty() || outer.empty()) return;
+  const MeshQuery to_outer(outer), to_cavity(cavity);
+
+  struct Sample {
+    double thickness = -1.0;
+    bool side = false;
+  };
+  std::vector<Sample> samples(cavity.vertices_mm.size());
+  parallel_each(samples.size(), [&](std::size_t v) {
+    const Vector3& p = cavity.vertices_mm[v];
+    if (field.estimate(p).rim > -par.wall_mm) return;
+    const auto found = to_outer.closest(p);
+    samples[v] = {found->distance_mm, field.estimate(found->point_mm).cut > par.wall_mm};
+  });
+  std::vector<double> all, side;
+  double thinnest = 1e300;
+  for (std::size_t v = 0; v < samples.size(); ++v) {
+    if (samples[v].thickness < 0.0) continue;
+    if (samples[v].thickness < thinnest) {
+      thinnest = samples[v].thickness;
+      out.thickness.where_mm = cavity.vertices_mm[v];
+    }
+    all.push_back(samples[v].thickness);
+    if (samples[v].side) side.push_back(samples[v].thickness);
+  }
+  if (all.empty()) return;
+  std::sort(all.begin(), all.end());
+  std::sort(side.begin(), side.end());
+  out.thickness.min_mm = all.front();
+  out.thickness.p01_mm = all[all.size() / 100];
+  out.thickness.median_mm = all[all.size() / 2];
+  if (!side.empty()) *side_wall_p01_mm = side[side.size() / 100];
+
+  const TriangleMesh biting = splint.region({SurfacePart::kImprint, SurfacePart::kStamp});
+  std::vector<double> thin(biting.triangles.size(), 0.0);
+  parallel_each(thin.size(), [&](std::size_t t) {
+    const Vector3 centre = (biting.corner(t, 0) + biting.corner(t, 1) + biting.corner(t, 2)) / 3.0;
+    if (to_cavity.closest(centre, par.wall_mm - 0.02)) thin[t] = 0.5 * face_normal_scaled(biting, t).norm();
+  });
+  for (const double area : thin) out.thin_under_contact_mm2 += area;
+}
+
+}  // namespace gnathion
