@@ -15,7 +15,7 @@
 namespace gnathion {
 namespace {
 
-constexpr double kStepMm = 0.3;
+constexpr double kStepMm = 0.275;
 constexpr double kGumBlendMm = 0.12;  ///< rounding where gingiva and crowns meet
 
 /// Highest point of the incisal edge over the crown's middle.

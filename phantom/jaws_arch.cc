@@ -11,6 +11,9 @@ namespace {
 constexpr double kDegree = M_PI / 180.0;
 constexpr double kContactOverlapMm = 0.05;  ///< neighbours are pressed together by this much
 
+/// Rounding in the crevice between two neighbours: what is narrower than half of it, no scanner resolves.
+constexpr double kCreviceBlendMm = 0.45;
+
 /// Inclination of a crown: its occlusal end outward (torque) and mesially (tip), degrees, numbers 1..7.
 /// After Andrews' keys, told for the crown's axis instead of its facial face.
 constexpr double kUpperTorqueDeg[8] = {0, 19, 18, 9, 2, 2, 5, 8};
@@ -19,7 +22,7 @@ constexpr double kLowerTorqueDeg[8] = {0, 15, 14, 6, -3, -7, -11, -13};
 constexpr double kLowerTipDeg[8] = {0, 1, 1, 4, 3, 3, 4, 7};
 
 /// The curve of the lower incisal edges and buccal cusps, by arc length from the midline (left positive).
-/// Braun's beta function (Angle Orthod. 1998;68:29), straight beyond its end.
+/// After Braun's beta function (Angle Orthod. 1998;68:29) with a rounder exponent; straight beyond its end.
 class CuspCurve {
  public:
   explicit CuspCurve(const ArchPlan& plan) : plan_(plan) {
@@ -30,7 +33,7 @@ class CuspCurve {
     lengths_.push_back(0.0);
     for (int i = 1; i <= 400; ++i) {
       const double x = 0.5 * w * 0.975 * std::sin(0.5 * M_PI * i / 400.0);
-      const double y = plan.depth_mm * (1.0 - 3.0314 * std::pow((x / w + 0.5) * (0.5 - x / w), 0.8));
+      const double y = plan.depth_mm * (1.0 - std::pow(1.0 - 4.0 * x * x / (w * w), 0.68));
       const Eigen::Vector2d p = {x, y};
       length += (p - last).norm();
       points_.push_back(p);
@@ -261,12 +264,27 @@ double DentalArch::crowns_mm(const Vector3& p) const {
   double nearest = 1e9;
   for (const PlacedTooth& t : teeth) {
     const double bound = (p - t.centre_mm()).norm() - t.radius_mm();
-    if (bound < std::min(nearest, 2.0))
-      nearest = std::min(nearest, t.distance_mm(p));
-    else
+    if (bound > 2.0) {
       nearest = std::min(nearest, bound);
+    } else {
+      nearest = smooth_min(nearest, t.distance_mm(p), kCreviceBlendMm);
+    }
   }
   return nearest;
+}
+
+Vector3 contact_point_mm(const PlacedTooth& a, const PlacedTooth& b) {
+  const double side = (b.origin_mm - a.origin_mm).dot(a.jaw_from_tooth.col(0)) > 0 ? 1.0 : -1.0;
+  double least = 1e9;
+  Vector3 contact = Vector3::Zero();
+  for (const Vector3& p : flank_points(a.crown, side)) {
+    const Vector3 q = a.to_jaw(p);
+    const double gap = b.crown.distance_mm(b.to_tooth(q));
+    if (gap >= least) continue;
+    least = gap;
+    contact = q;
+  }
+  return contact;
 }
 
 PlacedTooth& DentalArch::tooth(int fdi) {

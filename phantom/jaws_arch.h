@@ -14,7 +14,7 @@ namespace gnathion {
 struct ArchPlan {
   double width_mm = 54.0;  ///< between the lower buccal cusp lines at their end
   double depth_mm = 38.5;  ///< from the lower incisal edges to that end
-  double overjet_mm = 2.4, overbite_mm = 2.5;
+  double overjet_mm = 2.4, overbite_mm = 2.0;
   double spee_radius_mm = 95.0, wilson_radius_mm = 150.0;
   double lateral_skew = 0.0;  ///< one side of the arch wider than the other
 };
@@ -47,6 +47,9 @@ struct DentalArch {
   PlacedTooth& tooth(int fdi);
   const PlacedTooth& tooth(int fdi) const;
 };
+
+/// Where two neighbours touch.
+Vector3 contact_point_mm(const PlacedTooth& a, const PlacedTooth& b);
 
 struct DentalArches {
   DentalArch upper, lower;
