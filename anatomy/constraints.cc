@@ -10,6 +10,7 @@
 namespace gnathion {
 namespace {
 
+constexpr double kFarMm = 60.0;            // as far as distances between jaws are told
 constexpr double kOpposedFraction = 0.05;  // less of a tooth under the maxilla says nothing about its side
 
 std::string listed(const std::vector<std::uint8_t>& teeth) {
@@ -52,8 +53,19 @@ std::vector<std::uint8_t> teeth_at(const JawsInTp& jaws, const Vector3& where_mm
 }
 
 /// Smallest signed distance between the jaws in TP: negative for overlap.
-double smallest_clearance_mm(const JawsInTp& jaws) {
-  return jaws.overlap_tp.depth_mm > 0.0 ? -jaws.overlap_tp.depth_mm : jaws.overlap_tp.min_distance_mm;
+struct SmallestClearance {
+  double value_mm = 0.0;
+  Vector3 where_mm = Vector3::Zero();
+};
+SmallestClearance smallest_clearance(const JawsInTp& jaws) {
+  const Overlap& tp = jaws.overlap_tp;
+  if (tp.depth_mm > 0.0) return {-tp.depth_mm, tp.where_mm};
+  SmallestClearance out{tp.min_distance_mm, tp.closest_mm};
+  if (tp.min_distance_mm < Overlap::kSearchMm) return out;
+  out.value_mm = kFarMm;  // farther than the search for overlap looks: told from the teeth
+  for (const auto& tooth : jaws.clearances)
+    if (tooth.min_mm < out.value_mm) out = {tooth.min_mm, tooth.where_mm};
+  return out;
 }
 
 /// The contacts that MI has on the mandible, and how much of them keeps room for a wall in TP.
@@ -114,8 +126,13 @@ Constraint mandible_below_maxilla(const JawsInTp& jaws) {
 
 Constraint no_intersection(const JawsInTp& jaws, const RealizabilityLimits& limits) {
   Constraint c{.name = "no_intersection", .unit = "mm"};
-  c.value = jaws.overlap_tp.depth_mm;
-  c.limit = jaws.overlap_mi.depth_mm + limits.overlap_beyond_mi_mm;
+  // Each jaw's surface inside the other is compared with the same of MI; the worse of the two is told.
+  const Overlap &mi = jaws.overlap_mi, &tp = jaws.overlap_tp;
+  const bool maxilla_worse =
+      tp.maxilla_depth_mm - mi.maxilla_depth_mm > tp.mandible_depth_mm - mi.mandible_depth_mm;
+  const double in_mi = maxilla_worse ? mi.maxilla_depth_mm : mi.mandible_depth_mm;
+  c.value = maxilla_worse ? tp.maxilla_depth_mm : tp.mandible_depth_mm;
+  c.limit = in_mi + limits.overlap_beyond_mi_mm;
   c.pass = c.value <= c.limit;
   if (c.value > 0.0) {
     c.where_mm = jaws.overlap_tp.where_mm;
@@ -133,10 +150,11 @@ Constraint no_intersection(const JawsInTp& jaws, const RealizabilityLimits& limi
 
 Constraint interocclusal_clearance(const JawsInTp& jaws, const RealizabilityLimits& limits) {
   Constraint c{.name = "interocclusal_clearance", .unit = "mm", .severity = Severity::kApertures};
-  c.value = smallest_clearance_mm(jaws);
+  const SmallestClearance smallest = smallest_clearance(jaws);
+  c.value = smallest.value_mm;
+  c.where_mm = smallest.where_mm;
   c.limit = limits.aperture_mm;
   c.pass = c.value >= c.limit;
-  c.where_mm = jaws.overlap_tp.depth_mm > 0.0 ? jaws.overlap_tp.where_mm : jaws.overlap_tp.closest_mm;
   if (!c.pass) c.teeth = teeth_closer_than(jaws, c.limit);
   if (!c.pass && c.teeth.empty()) c.teeth = teeth_at(jaws, c.where_mm);
   c.consequence =
@@ -147,10 +165,11 @@ Constraint interocclusal_clearance(const JawsInTp& jaws, const RealizabilityLimi
 
 Constraint wall_room(const JawsInTp& jaws, const RealizabilityLimits& limits) {
   Constraint c{.name = "wall_room", .unit = "mm", .severity = Severity::kInforms};
-  c.value = smallest_clearance_mm(jaws);
+  const SmallestClearance smallest = smallest_clearance(jaws);
+  c.value = smallest.value_mm;
+  c.where_mm = smallest.where_mm;
   c.limit = limits.wall_mm;
   c.pass = c.value >= c.limit;
-  c.where_mm = jaws.overlap_tp.closest_mm;
   if (!c.pass) c.teeth = teeth_closer_than(jaws, c.limit);
   c.consequence = c.pass ? "the full wall fits between the jaws"
                          : fmt::format("the wall under the contacts at {} is thinner than {:.1f} mm",
@@ -189,7 +208,7 @@ std::vector<Constraint> reachable_from_mi(const ArchFrame& arch, const Rigid3& t
   };
   check("opening_rotation", turn_deg.x(), limits.opening_deg, "deg", arch.incisal_mm,
         "the mandible would have to open wider than it can");
-  check("closing_rotation", -turn_deg.x(), limits.closing_deg, "deg", arch.incisal_mm,
+  check("closing_rotation", 0.0 - turn_deg.x(), limits.closing_deg, "deg", arch.incisal_mm,
         "the front teeth would have to close past MI");
   check("yaw", std::abs(turn_deg.z()), limits.yaw_deg, "deg", arch.origin_mm,
         "asymmetric: one joint would be pressed back, the other pulled out");

@@ -43,15 +43,17 @@ std::vector<Vector3> points_of(const std::vector<SurfaceSample>& samples) {
 /// Samples of `mesh` that may be no farther than limit_mm from `other`, or nearest to it, with their signed
 /// gaps.
 struct NearSamples {
+  std::vector<double> vertex_gap_mm;
   std::vector<SurfaceSample> samples;
   std::vector<double> gap_mm;
 };
 NearSamples near_samples(const TriangleMesh& mesh, const Rigid3& motion, const MeshQuery& other,
                          const Vector3& outward, double limit_mm, double reach_mm, double step_mm) {
-  const auto at_vertex = signed_gaps_mm(mesh.vertices_mm, motion, other, outward, reach_mm);
+  NearSamples out;
+  out.vertex_gap_mm = signed_gaps_mm(mesh.vertices_mm, motion, other, outward, reach_mm);
+  const auto& at_vertex = out.vertex_gap_mm;
   const double nearest =
       at_vertex.empty() ? kInfinity : *std::min_element(at_vertex.begin(), at_vertex.end());
-  NearSamples out;
   if (nearest == kInfinity) return out;
   out.samples = sample_surface(mesh, step_mm, near_triangles(mesh, at_vertex, std::max(limit_mm, nearest)));
   out.gap_mm = signed_gaps_mm(points_of(out.samples), motion, other, outward, reach_mm);
@@ -137,21 +139,27 @@ Overlap find_overlap(const MeshQuery& maxilla, const MeshQuery& mandible, const 
       near_samples(maxilla.mesh(), back, mandible, back.rotation * up, 0.0, search_mm, step_mm);
   Overlap out;
   double nearest = search_mm;
-  auto look = [&](const NearSamples& side, const Rigid3& to_dental) {
-    for (std::size_t i = 0; i < side.samples.size(); ++i) {
-      const double gap = side.gap_mm[i];
-      if (gap < 0.0 && -gap > out.depth_mm) {
+  // Returns the depth of one surface inside the other; vertices count beside the samples between them.
+  auto look = [&](const NearSamples& side, const TriangleMesh& mesh, const Rigid3& to_dental) {
+    double depth = 0.0;
+    auto at = [&](double gap, const Vector3& p) {
+      depth = std::max(depth, -gap);
+      if (-gap > out.depth_mm) {
         out.depth_mm = -gap;
-        out.where_mm = to_dental * side.samples[i].p_mm;
+        out.where_mm = to_dental * p;
       }
       if (gap < nearest) {
         nearest = gap;
-        out.closest_mm = to_dental * side.samples[i].p_mm;
+        out.closest_mm = to_dental * p;
       }
-    }
+    };
+    for (std::size_t i = 0; i < side.samples.size(); ++i) at(side.gap_mm[i], side.samples[i].p_mm);
+    for (std::size_t i = 0; i < side.vertex_gap_mm.size(); ++i)
+      at(side.vertex_gap_mm[i], mesh.vertices_mm[i]);
+    return depth;
   };
-  look(lower, motion);
-  look(upper, Rigid3::identity());
+  out.mandible_depth_mm = look(lower, mandible.mesh(), motion);
+  out.maxilla_depth_mm = look(upper, maxilla.mesh(), Rigid3::identity());
   for (std::size_t i = 0; i < lower.samples.size(); ++i) {
     if (lower.gap_mm[i] >= 0.0) continue;
     out.area_mm2 += lower.samples[i].area_mm2;

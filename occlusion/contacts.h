@@ -26,22 +26,25 @@ std::vector<SurfaceSample> sample_surface(const TriangleMesh& mesh, double step_
                                           const std::vector<bool>& triangle_wanted = {});
 
 /// Signed distance from each (displaced) point to `surface`: negative inside, +infinity beyond
-/// max_mm. In parallel; the result does not depend on the number of threads.
+/// max_mm, on either side. In parallel; the result does not depend on the number of threads.
 std::vector<double> signed_gaps_mm(const std::vector<Vector3>& points_mm, const Rigid3& motion,
                                    const MeshQuery& surface, const Vector3& outward, double max_mm);
 
 struct Overlap {
-  double depth_mm = 0.0;  ///< deepest point of either surface inside the other; 0 if they are apart
-  Vector3 where_mm = Vector3::Zero();    ///< of that point, in Dental (mandible displaced)
-  double area_mm2 = 0.0;                 ///< of the second surface that is inside the first
-  double volume_mm3 = 0.0;               ///< approximate: depth integrated over that area
-  double min_distance_mm = 0.0;          ///< 0 when overlapping; capped at the search distance
-  Vector3 closest_mm = Vector3::Zero();  ///< where the distance is smallest, on the second surface
+  static constexpr double kSearchMm = 3.0;  ///< default reach
+  double maxilla_depth_mm = 0.0;            ///< deepest point of the maxilla's surface inside the mandible
+  double mandible_depth_mm = 0.0;           ///< deepest point of the mandible's surface inside the maxilla
+  double depth_mm = 0.0;                    ///< the larger of the two; 0 if they are apart
+  Vector3 where_mm = Vector3::Zero();       ///< of that point, in Dental (mandible displaced)
+  double area_mm2 = 0.0;                    ///< of the second surface that is inside the first
+  double volume_mm3 = 0.0;                  ///< approximate: depth integrated over that area
+  double min_distance_mm = 0.0;             ///< 0 when overlapping; capped at the search distance
+  Vector3 closest_mm = Vector3::Zero();     ///< where the distance is smallest, on the second surface
 };
 /// How the second surface, displaced by `motion`, overlaps the first. `up` as in ArchFrame, maxilla first.
 /// Both surfaces are sampled at step_mm.
 Overlap find_overlap(const MeshQuery& maxilla, const MeshQuery& mandible, const Rigid3& motion,
-                     const Vector3& up, double step_mm = 0.25, double search_mm = 3.0);
+                     const Vector3& up, double step_mm = 0.25, double search_mm = Overlap::kSearchMm);
 
 struct ContactPatch {
   Vector3 centre_mm = Vector3::Zero();  ///< displaced, in Dental
