@@ -50,8 +50,7 @@ TriangleMesh retessellated(const MeshQuery& truth, double edge_mm, Random& rando
     if (!found || found->closest.on_boundary) return std::numeric_limits<double>::quiet_NaN();
     return found->distance_mm;
   };
-  TriangleMesh mesh = surface_net(cells_near_mesh(truth.mesh(), lattice), lattice, signed_distance);
-  return mesh;
+  return surface_net(cells_near_mesh(truth.mesh(), lattice), lattice, signed_distance);
 }
 
 /// Brings the vertices onto the true surface and gives its normals there.
@@ -97,30 +96,81 @@ std::vector<Hole> draw_holes(const TriangleMesh& mesh, const ScannerModel& model
   return holes;
 }
 
-/// Without the triangles that have a lost vertex, and `rings` more around each rim.
-TriangleMesh cut_back(const TriangleMesh& mesh, std::vector<bool> lost_vertex, int rings,
-                      std::size_t smallest, std::vector<Vector3>& normals) {
-  const auto is_kept = [&](const Triangle& t) {
-    return !lost_vertex[t[0]] && !lost_vertex[t[1]] && !lost_vertex[t[2]];
-  };
-  for (const auto& loop : boundary_loops(mesh))
-    for (const std::uint32_t v : loop) lost_vertex[v] = true;
-  for (int ring = 0; ring < rings; ++ring) {
-    std::vector<bool> next = lost_vertex;
-    for (const Triangle& t : mesh.triangles)
-      if (!is_kept(t))
-        for (const std::uint32_t v : t) next[v] = true;
-    lost_vertex.swap(next);
-  }
-  // Normals travel as vertices of a twin mesh, so that both are renumbered alike.
-  TriangleMesh kept = mesh, twin = mesh;
-  twin.vertices_mm = normals;
-  kept.triangles.clear();
-  std::copy_if(mesh.triangles.begin(), mesh.triangles.end(), std::back_inserter(kept.triangles), is_kept);
-  twin.triangles = kept.triangles;
-  kept = without_islands(kept, smallest);
-  normals = without_islands(twin, smallest).vertices_mm;
+using Triangles = std::vector<Triangle>;
+
+Triangles without_vertices(const Triangles& triangles, const std::vector<bool>& lost) {
+  Triangles kept;
+  std::copy_if(triangles.begin(), triangles.end(), std::back_inserter(kept),
+               [&](const Triangle& t) { return !lost[t[0]] && !lost[t[1]] && !lost[t[2]]; });
   return kept;
+}
+
+/// The three undirected edges of every triangle, sorted, so that equal ones stand together.
+std::vector<std::array<std::uint32_t, 2>> sorted_edges(const Triangles& triangles) {
+  std::vector<std::array<std::uint32_t, 2>> edges;
+  edges.reserve(3 * triangles.size());
+  for (const Triangle& t : triangles)
+    for (std::size_t c = 0; c < 3; ++c)
+      edges.push_back({std::min(t[c], t[(c + 1) % 3]), std::max(t[c], t[(c + 1) % 3])});
+  std::sort(edges.begin(), edges.end());
+  return edges;
+}
+
+/// Calls visit(edge, number of triangles on it).
+template <class Visit>
+void for_each_edge(const Triangles& triangles, const Visit& visit) {
+  const auto edges = sorted_edges(triangles);
+  for (std::size_t i = 0; i < edges.size();) {
+    std::size_t j = i + 1;
+    while (j < edges.size() && edges[j] == edges[i]) ++j;
+    visit(edges[i], j - i);
+    i = j;
+  }
+}
+
+/// Takes the rim away, `rings` times.
+Triangles trimmed(Triangles triangles, std::size_t vertices, int rings) {
+  for (int ring = 0; ring < rings; ++ring) {
+    std::vector<bool> on_rim(vertices, false);
+    for_each_edge(triangles, [&](const auto& edge, std::size_t count) {
+      if (count == 1) on_rim[edge[0]] = on_rim[edge[1]] = true;
+    });
+    triangles = without_vertices(triangles, on_rim);
+  }
+  return triangles;
+}
+
+/// Opens the mesh where more than two triangles meet in an edge or two rims in a vertex.
+Triangles without_pinches(Triangles triangles, std::size_t vertices) {
+  for (;;) {
+    std::vector<std::uint8_t> rims(vertices, 0);
+    std::vector<bool> pinched(vertices, false);
+    bool any = false;
+    for_each_edge(triangles, [&](const auto& edge, std::size_t count) {
+      for (const std::uint32_t v : edge) {
+        if (count == 1 && ++rims[v] > 2) pinched[v] = any = true;
+        if (count > 2) pinched[v] = any = true;
+      }
+    });
+    if (!any) return triangles;
+    triangles = without_vertices(triangles, pinched);
+  }
+}
+
+/// What is left of the mesh without its lost vertices, trimmed at all rims, without islands. `normals`
+/// follow.
+TriangleMesh cut_back(const TriangleMesh& mesh, const std::vector<bool>& lost_vertex,
+                      const ScannerModel& model, std::vector<Vector3>& normals) {
+  const int rings = static_cast<int>(std::lround(model.rim_trim_mm / model.edge_mm));
+  const std::size_t vertices = mesh.vertices_mm.size();
+  TriangleMesh kept = mesh;
+  kept.triangles = trimmed(without_vertices(mesh.triangles, lost_vertex), vertices, rings);
+  kept.triangles = without_pinches(std::move(kept.triangles), vertices);
+  // Normals travel as vertices of a twin mesh, so that both are renumbered alike.
+  TriangleMesh twin = kept;
+  twin.vertices_mm = normals;
+  normals = without_islands(twin, model.smallest_component).vertices_mm;
+  return without_islands(kept, model.smallest_component);
 }
 
 }  // namespace
@@ -174,9 +224,7 @@ TriangleMesh simulate_scan(const TriangleMesh& surface, const ScannerModel& mode
     const auto in_hole = [&](const Hole& hole) { return hole.contains(p); };
     lost[v] = !is_seen(p, normals[v], truth, model) || std::any_of(holes.begin(), holes.end(), in_hole);
   });
-  const int rings = static_cast<int>(std::lround(model.rim_trim_mm / model.edge_mm));
-  mesh =
-      cut_back(mesh, std::vector<bool>(lost.begin(), lost.end()), rings, model.smallest_component, normals);
+  mesh = cut_back(mesh, std::vector<bool>(lost.begin(), lost.end()), model, normals);
 
   const SmoothNoise smooth(model.correlation_length_mm, random);
   std::vector<double> error_mm(mesh.vertices_mm.size());

@@ -10,7 +10,7 @@
 namespace gnathion {
 
 struct ScannerModel {
-  double edge_mm = 0.35;               ///< grid of the re-tessellation
+  double edge_mm = 0.3;                ///< grid of the re-tessellation
   double white_noise_mm = 0.01;        ///< along normals, 1 sigma
   double correlated_noise_mm = 0.015;  ///< along normals, 1 sigma
   double correlation_length_mm = 10;
