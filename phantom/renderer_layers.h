@@ -50,7 +50,8 @@ Vector3 lamp();
 /// A body's surface, ready to be drawn.
 struct Surface {
   TriangleMesh mesh;
-  std::vector<float> albedo;  ///< per triangle, 0..1
+  std::vector<float> albedo;             ///< per triangle, 0..1
+  std::vector<Eigen::Vector3f> normals;  ///< per triangle, unit
   Surface(TriangleMesh mesh, double uniform_albedo);
 };
 

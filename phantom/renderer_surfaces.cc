@@ -10,9 +10,12 @@ Vector3 lamp() {
 }
 
 Surface::Surface(TriangleMesh surface, double uniform_albedo) : mesh(std::move(surface)) {
-  albedo.assign(mesh.triangles.size(), static_cast<float>(uniform_albedo));
+  const std::size_t count = mesh.triangles.size();
+  albedo.assign(count, static_cast<float>(uniform_albedo));
+  normals.reserve(count);
+  for (const Vector3& n : face_normals(mesh)) normals.push_back(n.cast<float>());
   if (mesh.colors_rgb.size() != mesh.vertices_mm.size()) return;
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+  for (std::size_t t = 0; t < count; ++t) {
     double grey = 0;  // Rec. 601 luma
     for (const std::uint32_t v : mesh.triangles[t]) {
       const auto& c = mesh.colors_rgb[v];
@@ -25,23 +28,37 @@ Surface::Surface(TriangleMesh surface, double uniform_albedo) : mesh(std::move(s
 namespace {
 
 struct ScreenVertex {
-  float x = 0, y = 0;       ///< canvas px
-  float inverse_depth = 0;  ///< 1/mm; 0: behind the camera
+  float x = 0, y = 0;        ///< canvas px
+  float inverse_depth = -1;  ///< 1/mm; 0: cannot be seen; negative: not yet computed
 };
 
-std::vector<ScreenVertex> to_screen(const std::vector<Vector3>& camera_points, const CameraModel& camera) {
-  std::vector<ScreenVertex> screen(camera_points.size());
-  for (std::size_t i = 0; i < screen.size(); ++i) {
-    const Vector3& p = camera_points[i];
-    if (p.z() < 1) continue;
-    const auto pixel = camera.project(p);
-    // A wide lens's polynomial folds back far outside the image; nothing there can be seen.
-    if (!pixel || std::abs(p.x()) > 1.5 * p.z() || std::abs(p.y()) > 1.5 * p.z()) continue;
-    screen[i] = {static_cast<float>(pixel->x() + kPad), static_cast<float>(pixel->y() + kPad),
-                 static_cast<float>(1 / p.z())};
+/// Vertices on the screen, computed when first asked for: half of a closed surface is never seen.
+class Screen {
+ public:
+  Screen(const TriangleMesh& mesh, const Rigid3& camera_from_body, const CameraModel& camera)
+      : mesh_(mesh),
+        camera_from_body_(camera_from_body),
+        camera_(camera),
+        vertices_(mesh.vertices_mm.size()) {}
+  const ScreenVertex& operator[](std::uint32_t i) {
+    ScreenVertex& v = vertices_[i];
+    if (v.inverse_depth < 0) v = projected(camera_from_body_ * mesh_.vertices_mm[i]);
+    return v;
   }
-  return screen;
-}
+
+ private:
+  ScreenVertex projected(const Vector3& p) const {
+    // The distortion's polynomial folds back far outside the image; nothing there can be seen.
+    if (p.z() < 1 || std::abs(p.x()) > 1.5 * p.z() || std::abs(p.y()) > 1.5 * p.z()) return {0, 0, 0};
+    const Eigen::Vector2d pixel = *camera_.project(p);
+    return {static_cast<float>(pixel.x() + kPad), static_cast<float>(pixel.y() + kPad),
+            static_cast<float>(1 / p.z())};
+  }
+  const TriangleMesh& mesh_;
+  const Rigid3 camera_from_body_;
+  const CameraModel& camera_;
+  std::vector<ScreenVertex> vertices_;
+};
 
 /// Fills one triangle; 1/z is linear in the image.
 void fill(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c, float level, Scratch& out) {
@@ -79,19 +96,18 @@ void fill(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c, f
 void draw_surface(const Surface& surface, const Rigid3& camera_from_body, const CameraModel& camera,
                   Scratch& out) {
   const TriangleMesh& mesh = surface.mesh;
-  std::vector<Vector3> points(mesh.vertices_mm.size());
-  for (std::size_t i = 0; i < points.size(); ++i) points[i] = camera_from_body * mesh.vertices_mm[i];
-  const std::vector<ScreenVertex> screen = to_screen(points, camera);
-  const Vector3 to_lamp = lamp();
+  Screen screen(mesh, camera_from_body, camera);
+  const Rigid3 body_from_camera = camera_from_body.inverse();
+  const Eigen::Vector3f eye = body_from_camera.translation_mm.cast<float>();
+  const Eigen::Vector3f to_lamp = (body_from_camera.rotation * lamp()).cast<float>();
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     const auto [i, j, k] = mesh.triangles[t];
-    if (screen[i].inverse_depth == 0 || screen[j].inverse_depth == 0 || screen[k].inverse_depth == 0)
-      continue;
-    const Vector3 normal = (points[j] - points[i]).cross(points[k] - points[i]);
-    if (normal.dot(points[i]) >= 0) continue;  // turned away
-    const double lambert = std::max(0.0, normal.dot(to_lamp) / std::max(normal.norm(), 1e-12));
-    const double level = 235.0 * surface.albedo[t] * (0.32 + 0.68 * lambert);
-    fill(screen[i], screen[j], screen[k], static_cast<float>(level), out);
+    const Eigen::Vector3f& normal = surface.normals[t];
+    if (normal.dot(eye - mesh.vertices_mm[i].cast<float>()) <= 0) continue;  // turned away
+    const ScreenVertex &a = screen[i], &b = screen[j], &c = screen[k];
+    if (a.inverse_depth == 0 || b.inverse_depth == 0 || c.inverse_depth == 0) continue;
+    const float lambert = std::max(0.0f, normal.dot(to_lamp));
+    fill(a, b, c, 235.0f * surface.albedo[t] * (0.32f + 0.68f * lambert), out);
   }
 }
 
