@@ -142,7 +142,7 @@ Result<TriangleMesh> checked(TriangleMesh mesh, const std::string& name, bool is
   if (is_stl) mesh = welded_exactly(mesh);
   drop_useless(mesh);
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i)
-    if (face_normal_scaled(mesh, i) != Vector3::Zero()) return mesh;
+    if (face_normal_scaled(mesh, i).squaredNorm() > 0.0) return mesh;
   return bad_input(kCannotRead, name, "only degenerate triangles (no area) in it");
 }
 
