@@ -57,7 +57,7 @@ double crowns_mm(const DentalArches& arches, bool upper, const Vector3& p) {
   if (upper) return arches.upper.crowns_mm(p);
   const double d = arches.lower.crowns_mm(p);
   if (d > 0.6 || d < -1.5) return d;
-  return smooth_max(d, -arches.upper.crowns_mm(p), 0.04);
+  return smooth_max(d, -arches.upper.crowns_mm(p), 0.06);
 }
 
 TriangleMesh jaw_surface(const DentalArches& arches, const Gingiva& gingiva, bool upper) {

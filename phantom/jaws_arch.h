@@ -14,7 +14,7 @@ namespace gnathion {
 struct ArchPlan {
   double width_mm = 54.0;  ///< between the lower buccal cusp lines at their end
   double depth_mm = 38.5;  ///< from the lower incisal edges to that end
-  double overjet_mm = 2.4, overbite_mm = 2.0;
+  double overjet_mm = 2.4, overbite_mm = 1.6;
   double spee_radius_mm = 95.0, wilson_radius_mm = 150.0;
   double lateral_skew = 0.0;  ///< one side of the arch wider than the other
 };

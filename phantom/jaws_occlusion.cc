@@ -11,8 +11,8 @@ namespace gnathion {
 namespace {
 
 constexpr double kCuspReachMm = 1.8;        ///< a cusp's contacts lie this near to its tip, in plan view
-constexpr double kMostWaxMm = 1.2;          ///< no cusp is changed by more
-constexpr double kMostEruptionMm = 1.5;     ///< no front tooth erupts or intrudes by more
+constexpr double kMostWaxMm = 1.4;          ///< no cusp is changed by more
+constexpr double kMostEruptionMm = 1.2;     ///< no front tooth erupts or intrudes by more
 constexpr double kFrontClearanceMm = 0.06;  ///< incisors just miss each other in MI; canines touch
 
 struct Sample {

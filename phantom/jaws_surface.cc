@@ -250,6 +250,36 @@ void relax_onto(TriangleMesh& mesh, const SurfaceField& field, double step, int 
   }
 }
 
+/// Vertices beside folded triangles are drawn to the mean of their neighbours until no fold is left.
+void unfold(TriangleMesh& mesh) {
+  const Neighbours n = neighbours_of(mesh);
+  for (int round = 0; round < 30; ++round) {
+    const std::vector<Vector3> normal = vertex_normals(mesh);
+    std::vector<bool> folded(mesh.vertices_mm.size(), false);
+    bool any = false;
+    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+      const Triangle& t = mesh.triangles[i];
+      const Vector3 f = face_normal_scaled(mesh, i).normalized();
+      double least = 1.0;
+      for (int k = 0; k < 3; ++k) least = std::min(least, f.dot(normal[t[k]]));
+      if (least > 0.25) continue;
+      any = true;
+      for (int k = 0; k < 3; ++k) {
+        folded[t[k]] = true;
+        for (auto j = n.start[t[k]]; j < n.start[t[k] + 1]; ++j) folded[n.list[j]] = true;
+      }
+    }
+    if (!any) return;
+    const std::vector<Vector3> before = mesh.vertices_mm;
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      if (!folded[i] || n.boundary[i]) continue;
+      Vector3 mean = Vector3::Zero();
+      for (auto j = n.start[i]; j < n.start[i + 1]; ++j) mean += before[n.list[j]];
+      mesh.vertices_mm[i] = 0.4 * before[i] + 0.6 / (n.start[i + 1] - n.start[i]) * mean;
+    }
+  }
+}
+
 }  // namespace
 
 TriangleMesh polygonised(const SurfaceField& field, const Box& box, double step_mm) {
@@ -258,6 +288,7 @@ TriangleMesh polygonised(const SurfaceField& field, const Box& box, double step_
   TriangleMesh mesh = surface_net(grid);
   mesh = compact(mesh);
   relax_onto(mesh, field, step_mm, 2);
+  unfold(mesh);
   return mesh;
 }
 

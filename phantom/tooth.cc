@@ -125,8 +125,9 @@ double Crown::relief_mm(double u, double v) const {
       const auto& b = fissure.path_mm[i + 1];
       nearest = std::min(nearest, distance_to_segment(u, v, a.x(), a.y(), b.x(), b.y(), &t));
     }
-    const double s = 1.0 - std::sqrt(nearest * nearest + 0.01) / fissure.width_mm;
-    if (s > 0.0) w -= fissure.depth_mm * s * s;
+    // A V, rounded at the bottom and running out softly at its brinks.
+    const double s = 1.0 - std::sqrt(nearest * nearest + 0.03) / fissure.width_mm;
+    if (s > 0.0) w -= fissure.depth_mm * s * s * (1.6 - 0.6 * s);
   }
   return w;
 }

@@ -77,7 +77,7 @@ struct ToothForm {
   std::vector<Fissure> fissures;
   std::vector<int> functional_cusps;  ///< of `points`: those that hold the bite
   double floor_mm = 0.0;              ///< the relief never lies below
-  double relief_round_mm = 0.3;       ///< rounding of the valleys' shoulders
+  double relief_round_mm = 0.42;      ///< rounding of the valleys' shoulders
   std::vector<FaceGroove> face_grooves;
 
   /// The point that is set on the arch: incisal edge, buccal cusp line (lower), central fossa (upper).
