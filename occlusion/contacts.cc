@@ -21,14 +21,20 @@ double longest_edge(const TriangleMesh& mesh, std::size_t t) {
 }
 
 /// Triangles that can hold a point no farther than limit_mm from the other surface, told from the gaps
-/// at their corners: no point of a triangle is farther from a corner than its longest edge.
+/// at their corners (known up to reach_mm): no point of a triangle is farther from a corner than its longest
+/// edge. Large triangles far away are left out by the other surface's box.
 std::vector<bool> near_triangles(const TriangleMesh& mesh, const std::vector<double>& gap_at_vertex,
-                                 double limit_mm) {
+                                 double limit_mm, double reach_mm, const Rigid3& motion, const Box& other) {
   std::vector<bool> near(mesh.triangles.size(), false);
+  const Vector3 margin = Vector3::Constant(std::max(0.0, limit_mm));
   for (std::size_t t = 0; t < near.size(); ++t) {
-    double gap = kInfinity;
+    double gap = reach_mm;
     for (const auto v : mesh.triangles[t]) gap = std::min(gap, gap_at_vertex[v]);
-    near[t] = gap <= limit_mm + longest_edge(mesh, t);
+    if (gap > limit_mm + longest_edge(mesh, t)) continue;
+    Box box;
+    for (int k = 0; k < 3; ++k) box.extend(motion * mesh.corner(t, k));
+    near[t] = ((box.min_mm - margin).array() <= other.max_mm.array()).all() &&
+              ((box.max_mm + margin).array() >= other.min_mm.array()).all();
   }
   return near;
 }
@@ -52,10 +58,11 @@ NearSamples near_samples(const TriangleMesh& mesh, const Rigid3& motion, const M
   NearSamples out;
   out.vertex_gap_mm = signed_gaps_mm(mesh.vertices_mm, motion, other, outward, reach_mm);
   const auto& at_vertex = out.vertex_gap_mm;
-  const double nearest =
-      at_vertex.empty() ? kInfinity : *std::min_element(at_vertex.begin(), at_vertex.end());
-  if (nearest == kInfinity) return out;
-  out.samples = sample_surface(mesh, step_mm, near_triangles(mesh, at_vertex, std::max(limit_mm, nearest)));
+  if (at_vertex.empty()) return out;
+  const double nearest = std::min(reach_mm, *std::min_element(at_vertex.begin(), at_vertex.end()));
+  const auto near = near_triangles(mesh, at_vertex, std::max(limit_mm, nearest), reach_mm, motion,
+                                   bounding_box(other.mesh()));
+  out.samples = sample_surface(mesh, step_mm, near);
   out.gap_mm = signed_gaps_mm(points_of(out.samples), motion, other, outward, reach_mm);
   return out;
 }

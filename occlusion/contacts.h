@@ -19,7 +19,7 @@ struct SurfaceSample {
   Vector3 p_mm;  ///< in the frame of the mesh
   double area_mm2 = 0.0;
   std::uint32_t triangle = 0;
-  std::uint32_t vertex = 0;  ///< nearest corner of the triangle, for labels
+  std::uint32_t vertex = 0;  ///< corner that weighs most at p, for labels
 };
 /// The wanted triangles (empty: all) cut into equal pieces with edges no longer than step_mm.
 std::vector<SurfaceSample> sample_surface(const TriangleMesh& mesh, double step_mm,

@@ -68,6 +68,15 @@ std::vector<Eigen::Vector2d> resampled(const std::vector<Eigen::Vector2d>& line,
   return out;
 }
 
+/// Appends the point straight ahead that is level with the farthest crown beside the line's end.
+void extend_to_crowns(const std::vector<Eigen::Vector2d>& points, std::vector<Eigen::Vector2d>& line) {
+  const Eigen::Vector2d end = line.back(), ahead = (end - line[line.size() - 20]).normalized();
+  double reach = 0.0;
+  for (const auto& p : points)
+    if (std::abs(cross(ahead, p - end)) < 6.0) reach = std::max(reach, ahead.dot(p - end));
+  if (reach > 0.1) line.push_back(end + reach * ahead);
+}
+
 }  // namespace
 
 Eigen::Vector2d hull_centroid(std::vector<Eigen::Vector2d> points) {
@@ -137,14 +146,25 @@ std::optional<std::vector<Eigen::Vector2d>> middle_curve(const std::vector<Eigen
   const double span = phi.back() - phi.front();
   if (static_cast<double>(phi.size()) < 0.5 * span / (2.0 * kPi / kSectors)) return std::nullopt;
 
-  const Eigen::VectorXd c = fit_radius(phi, r, weight, 4);
+  // The rays from the centre leave the last molars obliquely and see only their inner halves: the curve
+  // is fitted without the last sectors and goes straight on to the end of the crowns.
+  const auto cut = static_cast<std::ptrdiff_t>(std::min<std::size_t>(4, phi.size() / 8));
+  auto trimmed = [&](const std::vector<double>& v) {
+    return std::vector<double>(v.begin() + cut, v.end() - cut);
+  };
+  const auto phi_in = trimmed(phi);
+  const Eigen::VectorXd c = fit_radius(phi_in, trimmed(r), trimmed(weight), 6);
   std::vector<Eigen::Vector2d> line;
   for (int i = 0; i <= 400; ++i) {
-    const double a = phi.front() + span * i / 400.0;
+    const double a = phi_in.front() + (phi_in.back() - phi_in.front()) * i / 400.0;
     double value = 0.0;
     for (Eigen::Index d = c.size() - 1; d >= 0; --d) value = value * a + c(d);
     line.push_back(centre + value * Eigen::Vector2d(std::sin(a), -std::cos(a)));
   }
+  extend_to_crowns(points, line);
+  std::reverse(line.begin(), line.end());
+  extend_to_crowns(points, line);
+  std::reverse(line.begin(), line.end());
   return resampled(line, step_mm);
 }
 
