@@ -13,12 +13,9 @@
 namespace gnathion {
 namespace {
 
-// Poses of the joint problem: ChainState's, then the clutch scan's, which only serves T_D.
-constexpr int kBowFromClutch = kChainStates;
-constexpr int kTD = static_cast<int>(ChainState::kBowFromDental);
-constexpr int kTF = static_cast<int>(ChainState::kBowFromFace);
-constexpr int kTFTp = static_cast<int>(ChainState::kBowFromFaceTp);
-constexpr int kHead = static_cast<int>(ChainState::kFaceMiFromFaceTp);
+// Poses of the joint problem. With a head frame's model the head has one pose for each face scan, else only
+// the one between them.
+enum Unknown { kTD = 0, kBowFromClutch, kTF, kTFTp, kHeadMi, kHeadTp, kUnknowns, kFaceMiFromTp = kHeadMi };
 enum Scanner { kIntraoral = 0, kClutch, kFace, kScanners };
 
 constexpr double kScanNoise_mm = 0.03;  // of two scans against each other
@@ -151,24 +148,75 @@ Result<std::vector<bool>> add_bow_in_face(const ChainScans& scans, const Scan& f
   return where(off_bow, kOffBow_mm, kOffBow_mm);
 }
 
-/// The head between the two face scans, by all that is rigid in them and not bow.
-Status add_head(const Scan& face_mi, const Scan& face_tp, const std::vector<bool>& head_mi,
-                const std::vector<bool>& head_tp, std::uint64_t seed, std::vector<Rigid3>& poses,
-                std::vector<SurfaceTerm>& terms) {
+/// The head between the two face scans: by the head frame where its model is known, and by all that is rigid
+/// in them and not bow.
+Status add_head(const ChainScans& scans, const Scan& face_mi, const Scan& face_tp, const Scan* head_frame,
+                const std::vector<bool>& head_mi, const std::vector<bool>& head_tp, std::uint64_t seed,
+                std::vector<Rigid3>& poses, std::vector<SurfaceTerm>& terms) {
   const std::string name = "head between face scans";
   GNATHION_TRY(const Found found, locate({&face_tp.mesh, head_tp}, {&face_mi.mesh, head_mi}, face_mi.query,
                                          coarse(name, 0.6, seed)));
-  poses[kHead] = found.pose;
-  SurfaceTerm term = term_of(name, face_tp.mesh, head_tp, face_mi.query, seed + 4);
-  term.keep = head_mi;
-  term.right = kHead;
-  term.scale_cap_mm = kRigidHead_mm;
-  term.scanner = kFace;
-  term.scale_centre_mm = face_tp.centre_mm;
-  term.surface_scanner = kFace;
-  term.surface_scale_centre_mm = face_mi.centre_mm;
-  terms.push_back(std::move(term));
+  SurfaceTerm skin = term_of(name, face_tp.mesh, head_tp, face_mi.query, seed + 4);
+  skin.keep = head_mi;
+  skin.scale_cap_mm = kRigidHead_mm;
+  skin.scanner = skin.surface_scanner = kFace;
+  skin.scale_centre_mm = face_tp.centre_mm;
+  skin.surface_scale_centre_mm = face_mi.centre_mm;
+  if (head_frame == nullptr) {
+    poses[kFaceMiFromTp] = found.pose;
+    poses.resize(kFaceMiFromTp + 1);
+    skin.right = kFaceMiFromTp;
+    terms.push_back(std::move(skin));
+    return {};
+  }
+  GNATHION_TRY(const Found frame,
+               locate({&scans.head_frame_model, all_of(scans.head_frame_model)}, {&face_mi.mesh, head_mi},
+                      face_mi.query, coarse("head frame in face scan in MI", 0.4, seed + 1)));
+  poses[kHeadMi] = frame.pose.inverse();
+  poses[kHeadTp] = frame.pose.inverse() * found.pose;
+  const auto add_frame = [&](const Scan& face, Unknown state, const char* frame_name) {
+    const std::vector<double> off_frame =
+        distances_to(face.mesh, head_frame->query, poses[state], kOffBow_mm);
+    SurfaceTerm term =
+        term_of(frame_name, face.mesh, where(off_frame, 0.0, kOnBow_mm), head_frame->query, seed + 5);
+    term.right = state;
+    term.scanner = kFace;
+    term.scale_centre_mm = face.centre_mm;
+    terms.push_back(std::move(term));
+  };
+  add_frame(face_mi, kHeadMi, "head frame in face scan in MI");
+  add_frame(face_tp, kHeadTp, "head frame in face scan in TP");
   return {};
+}
+
+/// The estimated poses that the chain reports, and how they depend on the problem's unknowns.
+struct Reported {
+  std::vector<Rigid3> poses;
+  Eigen::MatrixXd jacobian;
+};
+Reported reported_poses(const std::vector<Rigid3>& x, bool faces) {
+  const auto n = static_cast<long>(x.size());
+  Reported r;
+  r.jacobian = Eigen::MatrixXd::Zero(6 * kChainStates, 6 * n);
+  const auto take = [&](ChainState state, Unknown unknown) {
+    r.jacobian.block<6, 6>(6 * static_cast<int>(state), 6 * unknown).setIdentity();
+    r.poses.push_back(x[unknown]);
+  };
+  take(ChainState::kBowFromDental, kTD);
+  if (!faces) return r;
+  take(ChainState::kBowFromFace, kTF);
+  take(ChainState::kBowFromFaceTp, kTFTp);
+  if (n == kFaceMiFromTp + 1) {
+    take(ChainState::kFaceMiFromFaceTp, kFaceMiFromTp);
+    return r;
+  }
+  // F = Hm⁻¹·Ht.
+  const Rigid3 face_mi_from_head = x[kHeadMi].inverse();
+  r.poses.push_back(face_mi_from_head * x[kHeadTp]);
+  const int row = 6 * static_cast<int>(ChainState::kFaceMiFromFaceTp);
+  r.jacobian.block<6, 6>(row, 6 * kHeadMi) = -adjoint(face_mi_from_head);
+  r.jacobian.block<6, 6>(row, 6 * kHeadTp) = adjoint(face_mi_from_head);
+  return r;
 }
 
 /// A pose of the chain that leans on some of the terms.
@@ -193,6 +241,36 @@ ChainPose pose_from(const Rigid3& value, const Matrix6& covariance,
   return pose;
 }
 
+/// The solution in the chain's own terms.
+Chain assembled(const ChainSolution& solution, const std::vector<SurfaceTerm>& terms, bool faces) {
+  Chain chain;
+  chain.has_faces = faces;
+  const Reported reported = reported_poses(solution.poses, faces);
+  chain.joint = reported.jacobian * solution.covariance * reported.jacobian.transpose();
+  // Terms in the order in which they were added; those of the head come last.
+  const SurfaceTerm *teeth = &terms[0], *clutch = &terms[1];
+  const auto own = [&](ChainState state, const std::vector<const SurfaceTerm*>& from) {
+    const int k = static_cast<int>(state);
+    return pose_from(reported.poses[static_cast<std::size_t>(k)], chain.joint.block<6, 6>(6 * k, 6 * k), from,
+                     solution.poses);
+  };
+  chain.bow_from_dental = own(ChainState::kBowFromDental, {teeth, clutch});
+  if (!faces) return chain;
+  std::vector<const SurfaceTerm*> head;
+  for (std::size_t i = 4; i < terms.size(); ++i) head.push_back(&terms[i]);
+  chain.bow_from_face = own(ChainState::kBowFromFace, {&terms[2]});
+  chain.bow_from_face_tp = own(ChainState::kBowFromFaceTp, {&terms[3]});
+  chain.face_mi_from_face_tp = own(ChainState::kFaceMiFromFaceTp, head);
+  const auto derived = [&](const ChainDerived& d, const std::vector<const SurfaceTerm*>& from) {
+    return pose_from(d.value, d.jacobian * chain.joint * d.jacobian.transpose(), from, solution.poses);
+  };
+  chain.dental_from_face = derived(dental_from_face_of(chain), {teeth, clutch, &terms[2]});
+  std::vector<const SurfaceTerm*> moving = {&terms[2], &terms[3]};
+  moving.insert(moving.end(), head.begin(), head.end());
+  chain.bow_motion = derived(bow_motion_of(chain), moving);
+  return chain;
+}
+
 Status check_units(const TriangleMesh& mesh, const char* name, double least_mm, double most_mm) {
   if (mesh.empty()) return bad_input("cannot solve chain", name, "missing or empty");
   const double size = bounding_box(mesh).size_mm().maxCoeff();
@@ -212,7 +290,9 @@ Status check_scans(const ChainScans& scans) {
   GNATHION_CHECK_OK(check_units(scans.bow_model, "bow model", 25, 500));
   if (scans.face_mi.empty() && scans.face_tp.empty()) return {};
   GNATHION_CHECK_OK(check_units(scans.face_mi, "face scan in MI", 80, 800));
-  return check_units(scans.face_tp, "face scan in TP", 80, 800);
+  GNATHION_CHECK_OK(check_units(scans.face_tp, "face scan in TP", 80, 800));
+  if (scans.head_frame_model.empty()) return {};
+  return check_units(scans.head_frame_model, "head frame model", 25, 500);
 }
 
 }  // namespace
@@ -221,15 +301,16 @@ Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, 
   GNATHION_CHECK_OK(check_scans(scans));
   const bool faces = !scans.face_mi.empty();
   const Scan mandible(scans.mandible_mi), clutch(scans.clutch_scan), bow(scans.bow_model);
-  std::vector<Rigid3> poses(kChainStates + 1);
+  std::optional<Scan> face_mi, face_tp, head_frame;
+  std::vector<Rigid3> poses(faces ? kUnknowns : kBowFromClutch + 1);
   std::vector<SurfaceTerm> terms;
 
-  progress.begin_step("clutch scan to lower teeth and bow", 0.25);
+  progress.begin_step("clutch scan to lower teeth and bow", 0.2);
   GNATHION_CHECK_OK(add_clutch(scans, mandible, clutch, bow, options.seed, poses, terms));
-  std::optional<Scan> face_mi, face_tp;
   if (faces) {
     face_mi.emplace(scans.face_mi);
     face_tp.emplace(scans.face_tp);
+    if (!scans.head_frame_model.empty()) head_frame.emplace(scans.head_frame_model);
     progress.begin_step("bow in the face scans", 0.3);
     GNATHION_TRY(const std::vector<bool> head_mi,
                  add_bow_in_face(scans, *face_mi, bow, kTF, "bow in face scan in MI", options.seed + 10,
@@ -238,37 +319,14 @@ Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, 
                  add_bow_in_face(scans, *face_tp, bow, kTFTp, "bow in face scan in TP", options.seed + 20,
                                  poses, terms));
     progress.begin_step("head between the face scans", 0.2);
-    GNATHION_CHECK_OK(add_head(*face_mi, *face_tp, head_mi, head_tp, options.seed + 30, poses, terms));
+    GNATHION_CHECK_OK(add_head(scans, *face_mi, *face_tp, head_frame ? &*head_frame : nullptr, head_mi,
+                               head_tp, options.seed + 30, poses, terms));
   }
 
-  progress.begin_step("all poses together", 0.25);
-  // Without faces, only T_D and the clutch scan's pose are unknown.
-  if (!faces) {
-    poses = {poses[kTD], poses[kBowFromClutch]};
-    terms[0].right = terms[1].right = 1;
-  }
+  progress.begin_step("all poses together", 0.3);
   const std::vector<double> scale_sigmas(kScanners, options.scan_scale_sigma);
   GNATHION_TRY(const ChainSolution solution, solve_poses(poses, terms, scale_sigmas));
-
-  Chain chain;
-  chain.has_faces = faces;
-  const auto& x = solution.poses;
-  const auto block = [&](int a, int b) -> Matrix6 { return solution.covariance.block<6, 6>(6 * a, 6 * b); };
-  chain.bow_from_dental = pose_from(x[kTD], block(kTD, kTD), {&terms[0], &terms[1]}, x);
-  if (!faces) {
-    chain.joint.block<6, 6>(0, 0) = block(kTD, kTD);
-    return chain;
-  }
-  chain.joint = solution.covariance.topLeftCorner<6 * kChainStates, 6 * kChainStates>();
-  chain.bow_from_face = pose_from(x[kTF], block(kTF, kTF), {&terms[2]}, x);
-  chain.bow_from_face_tp = pose_from(x[kTFTp], block(kTFTp, kTFTp), {&terms[3]}, x);
-  chain.face_mi_from_face_tp = pose_from(x[kHead], block(kHead, kHead), {&terms[4]}, x);
-  const auto derived = [&](const ChainDerived& d, const std::vector<const SurfaceTerm*>& from) {
-    return pose_from(d.value, d.jacobian * chain.joint * d.jacobian.transpose(), from, x);
-  };
-  chain.dental_from_face = derived(dental_from_face_of(chain), {&terms[0], &terms[1], &terms[2]});
-  chain.bow_motion = derived(bow_motion_of(chain), {&terms[2], &terms[3], &terms[4]});
-  return chain;
+  return assembled(solution, terms, faces);
 }
 
 }  // namespace gnathion

@@ -4,7 +4,7 @@
 //        └─ clutch ─→ bow model (Bow)
 //   face scan MI ─ bow ─→ bow model                      bow_from_face = T_F
 //   face scan TP ─ bow ─→ bow model                      bow_from_face_tp
-//        └─ upper face and head frame ─→ face scan MI    face_mi_from_face_tp
+//        └─ head frame, upper face ─→ face scan MI    face_mi_from_face_tp
 //
 //   T = T_D⁻¹·T_F,  T_B = face_mi_from_face_tp · bow_from_face_tp⁻¹ · T_F,  T_th = T·T_B·T⁻¹.
 #pragma once
@@ -26,6 +26,9 @@ struct ChainScans {
   TriangleMesh bow_model;    ///< Bow: the CAD surface, clutch and stem included
   TriangleMesh face_mi;      ///< FaceScanMi; may be empty, together with face_tp: then only T_D is solved
   TriangleMesh face_tp;      ///< FaceScanTp
+  /// HeadFrame: the CAD surface of the head frame that both face scans show; may be empty. Without it the
+  /// head is found by the face alone, whose soft parts shift by tenths of a millimetre.
+  TriangleMesh head_frame_model;
 };
 
 struct ChainOptions {
