@@ -5,9 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "core/check.h"
 #include "design/parallel.h"
-#include "occlusion/crowns.h"
 
 namespace gnathion {
 namespace {
@@ -68,49 +66,6 @@ GridShape design_box(const TriangleMesh& maxilla, const OcclusalMap& level, cons
 
 }  // namespace
 
-OcclusalMap::OcclusalMap(const TriangleMesh& maxilla_dental, const ArchFrame& frame,
-                         const Rigid3& design_from_dental, const Box& box_design) {
-  const OcclusalLevel level(maxilla_dental, frame, Arch::kMaxilla);
-  const ArchRuler ruler(frame);
-  origin_ = box_design.min_mm;
-  nx_ = static_cast<int>(std::ceil(box_design.size_mm().x() / spacing_)) + 2;
-  ny_ = static_cast<int>(std::ceil(box_design.size_mm().y() / spacing_)) + 2;
-  level_.resize(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_));
-  off_.resize(level_.size());
-  const Rigid3 dental_from_design = design_from_dental.inverse();
-  parallel_each(nx_, [&](int i) {
-    for (int j = 0; j < ny_; ++j) {
-      Vector3 p = origin_ + spacing_ * Vector3(i, j, 0);
-      p.z() = 0.0;
-      const ArchCoordinates c = ruler.measure(dental_from_design * p);
-      const std::size_t at =
-          static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
-      level_[at] = static_cast<float>(level.depth_mm(c.s_mm));
-      off_[at] = static_cast<float>(c.buccal_mm);
-    }
-  });
-}
-
-double OcclusalMap::sample(const std::vector<float>& values, const Vector3& p_mm) const {
-  const double u = std::clamp((p_mm.x() - origin_.x()) / spacing_, 0.0, nx_ - 1.001);
-  const double v = std::clamp((p_mm.y() - origin_.y()) / spacing_, 0.0, ny_ - 1.001);
-  const int i = static_cast<int>(u), j = static_cast<int>(v);
-  const double fu = u - i, fv = v - j;
-  const auto at = [&](int a, int b) {
-    return static_cast<double>(
-        values[static_cast<std::size_t>(a) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(b)]);
-  };
-  return (1 - fu) * ((1 - fv) * at(i, j) + fv * at(i, j + 1)) +
-         fu * ((1 - fv) * at(i + 1, j) + fv * at(i + 1, j + 1));
-}
-
-double OcclusalMap::level_mm(const Vector3& p_design_mm) const {
-  return sample(level_, p_design_mm);
-}
-double OcclusalMap::off_curve_mm(const Vector3& p_design_mm) const {
-  return sample(off_, p_design_mm);
-}
-
 Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters) {
   GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
   const Rigid3 design_from_dental = arch.arch_from_dental;
@@ -121,7 +76,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   TriangleMesh mandible = transformed(
       therapeutic,
       closed_to_solid(transformed(design_from_dental, inputs.mandible_mi), -Vector3::UnitZ(), nullptr));
-  OcclusalMap level(inputs.maxilla, arch, design_from_dental, bounding_box(maxilla));
+  OcclusalMap level(maxilla, arch, design_from_dental);
   const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm)));
   const GridShape coarse =
       design_box(maxilla, level, therapeutic, parameters, parameters.voxel_mm * refinement);

@@ -18,16 +18,18 @@ namespace gnathion {
 /// flat. `filled` receives one line per hole wider than 1 mm.
 TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled);
 
-/// Height of the local occlusal level of the maxilla over the occlusal plane, and the distance from the arch
-/// curve, by position across a.
+/// The local occlusal level of the maxilla: a ruled surface that rests on the crowns from below, along the
+/// curve of Spee and tilted across the arch with the crowns (curve of Wilson; tipped molars). By position
+/// across a.
 class OcclusalMap {
  public:
   OcclusalMap() = default;
-  /// `design_from_dental` as in Preparation; sampled every 0.5 mm over the box.
-  OcclusalMap(const TriangleMesh& maxilla_dental, const ArchFrame& frame, const Rigid3& design_from_dental,
-              const Box& box_design);
+  /// `maxilla` in the design frame (solid or scan); sampled every 0.5 mm over its box.
+  OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame, const Rigid3& design_from_dental);
+  /// Height of the level over the occlusal plane.
   double level_mm(const Vector3& p_design_mm) const;
-  double off_curve_mm(const Vector3& p_design_mm) const;  ///< buccal positive
+  /// Distance from the arch curve, buccal positive.
+  double off_curve_mm(const Vector3& p_design_mm) const;
 
  private:
   double sample(const std::vector<float>& values, const Vector3& p_mm) const;

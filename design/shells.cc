@@ -6,9 +6,26 @@
 namespace gnathion {
 namespace {
 constexpr double kSmoothingErrorMm = 0.06;  // what smoothing and interpolation may take from the wall
+constexpr double kLipMm = 0.5;              // how far the rim may stand beyond the wall across a
+constexpr double kOutlineBandMm = 8.0;
 }  // namespace
 
-CoarseGrid outer_shell(const CoarseGrid& maxilla_swept, const SplintParameters& p) {
+CoarseGrid distance_from_rim_outline(const CoarseGrid& maxilla_swept, const OcclusalMap& level,
+                                     const SplintParameters& p) {
+  GridShape flat = maxilla_swept.shape();
+  flat.nodes.z() = 2;
+  CoarseGrid at_rim(flat, 0.0f);
+  for (int i = 0; i < flat.nodes.x(); ++i)
+    for (int j = 0; j < flat.nodes.y(); ++j) {
+      Vector3 q = flat.position(i, j, 0);
+      q.z() = level.level_mm(q) + p.depth_mm;
+      at_rim.at(i, j, 0) = at_rim.at(i, j, 1) = static_cast<float>(maxilla_swept.linear(q));
+    }
+  return redistanced(at_rim, kOutlineBandMm);
+}
+
+CoarseGrid outer_shell(const CoarseGrid& maxilla_swept, const CoarseGrid& outline_distance,
+                       const SplintParameters& p) {
   const GridShape& shape = maxilla_swept.shape();
   const double wall = p.wall_mm + p.gap_mm + kSmoothingErrorMm;
   // M ⊕ R_a moved away from the gingiva by the extra occlusal thickness: walls stay, biting surfaces gain.
@@ -23,7 +40,8 @@ CoarseGrid outer_shell(const CoarseGrid& maxilla_swept, const SplintParameters& 
         const int low = std::min(last, k + static_cast<int>(extra));
         const double t = extra - std::floor(extra);
         const double moved = (1.0 - t) * swept[low] + t * swept[std::min(last, low + 1)];
-        out[k] = static_cast<float>(moved - wall);
+        const double lip = outline_distance.at(i, j, 0) - (wall + kLipMm);
+        out[k] = static_cast<float>(std::max(moved - wall, lip));
       }
     }
   return shell;

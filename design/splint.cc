@@ -7,6 +7,7 @@
 #include "core/time.h"
 #include "design/extraction.h"
 #include "design/gates.h"
+#include "design/pressing.h"
 #include "design/splint_field.h"
 #include "design/verification_steps.h"
 #include "occlusion/crowns.h"
@@ -15,7 +16,8 @@
 namespace gnathion {
 namespace {
 
-constexpr double kIslandMm3 = 2.0;  // a dropped piece larger than this deserves a warning
+constexpr double kPressToleranceMm = 0.008;  // well within the gate of 0.02
+constexpr double kIslandMm3 = 2.0;           // a dropped piece larger than this deserves a warning
 
 /// Tells the progress and takes the time of each step.
 class Steps {
@@ -98,6 +100,9 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     warn_of_pieces(pieces, design.warnings);
     if (pieces.mesh.empty())
       return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");
+
+    steps.begin("pressing", 0.15);
+    press_free_of_jaws(pieces.mesh, preparation.maxilla, preparation.mandible, kPressToleranceMm);
     const FinishedSplint splint(std::move(pieces.mesh), field);
 
     steps.begin("verification", 0.35);

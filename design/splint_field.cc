@@ -17,8 +17,10 @@ constexpr double kReachMm = 1.5;     // of exact queries; farther distances do n
 constexpr double kSweepStartMm =
     0.6;  // the coarse sweep of the mandible leaves its own surface to exact distances
 constexpr double kSweepErrorMm = 0.05;
-constexpr double kStampNearMm = 0.6;  // up to here from the mandible the stamp is exact ...
-constexpr double kStampFade = 0.3;    // ... and sinks into the smooth body beyond it
+constexpr double kStampNearMm = 0.6;   // up to here from the mandible the stamp is exact ...
+constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body beyond it
+constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
+constexpr double kStampTopMm = 1.0;
 constexpr double kFullGapDeg = 60.0;  // from the stop angle to here the gap grows from h to g
 
 double smoothstep(double t) {
@@ -72,7 +74,8 @@ void SplintField::build_body() {
   mandible_ = sampled_distance(prep_.coarse, prep_.mandible, Rigid3::identity(), kBandMm, OutsideEnd::kTop);
   const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep_.coarse.spacing_mm)));
   mandible_swept_ = looked_up(swept_down(mandible_), steps);
-  const CoarseGrid shell = outer_shell(maxilla_swept_, par_);
+  const CoarseGrid outline = distance_from_rim_outline(maxilla_swept_, prep_.level, par_);
+  const CoarseGrid shell = outer_shell(maxilla_swept_, outline, par_);
   body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), mandible_, par_);
 }
 
@@ -111,7 +114,8 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   // The exact stamp near the mandible, sinking into the smooth body away from it.
   const Vector3 natural = natural_from_tp_ * p;
   const double top = natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
-  const double stamp = std::max(in.stamp + kStampFade * std::max(0.0, in.mandible - kStampNearMm), top);
+  const double stamp = in.stamp + kStampFade * std::max(0.0, in.mandible - kStampNearMm) +
+                       kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
   f.rim = p.z() - (prep_.level.level_mm(p) + par_.depth_mm);
   const double film = par_.aperture_limit_mm - f.cavity - f.cut;

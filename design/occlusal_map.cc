@@ -1,0 +1,149 @@
+#include <algorithm>
+#include <cmath>
+
+#include "design/parallel.h"
+#include "design/preparation.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kHalfWidthMm = 8.0;  // of the crowns about the arch curve
+constexpr double kWindowMm = 3.0;     // along the arch, to each side of a station
+constexpr double kStationMm = 1.0;
+constexpr double kSmoothingMm = 3.0;    // Gaussian along the arch
+constexpr double kSteepestTilt = 0.65;  // a steeper support is the palatal slope of a front tooth, no tilt
+constexpr double kShortestEdgeMm = 2.5;
+
+struct Support {
+  double height_mm = 0.0;  ///< at the arch curve
+  double tilt = 0.0;       ///< per mm to buccal
+  bool known = false;
+};
+
+/// The edge of the lower convex hull of (buccal, height) points over the arch curve: what a flat plate
+/// pressed against the crowns would rest on.
+Support support_of(std::vector<Eigen::Vector2d> points) {
+  if (points.size() < 10) return {};
+  std::sort(points.begin(), points.end(),
+            [](const auto& a, const auto& b) { return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y()); });
+  std::vector<Eigen::Vector2d> hull;
+  for (const Eigen::Vector2d& p : points) {
+    while (hull.size() >= 2) {
+      const Eigen::Vector2d u = hull.back() - hull[hull.size() - 2], v = p - hull.back();
+      if (u.x() * v.y() - u.y() * v.x() > 0.0) break;
+      hull.pop_back();
+    }
+    hull.push_back(p);
+  }
+  Support support;
+  support.known = true;
+  const auto lowest =
+      *std::min_element(hull.begin(), hull.end(), [](const auto& a, const auto& b) { return a.y() < b.y(); });
+  support.height_mm = lowest.y();
+  double longest = kShortestEdgeMm;
+  for (std::size_t i = 0; i + 1 < hull.size(); ++i) {
+    const Eigen::Vector2d edge = hull[i + 1] - hull[i];
+    const double tilt = edge.y() / std::max(1e-9, edge.x());
+    if (edge.norm() <= longest || std::abs(tilt) > kSteepestTilt) continue;
+    longest = edge.norm();
+    support.tilt = tilt;
+    support.height_mm = hull[i].y() - tilt * hull[i].x();
+  }
+  return support;
+}
+
+/// Gaussian mean of the known stations.
+std::vector<Support> smoothed(const std::vector<Support>& stations) {
+  std::vector<Support> out(stations.size());
+  for (std::size_t i = 0; i < stations.size(); ++i) {
+    double weight = 0.0;
+    for (std::size_t j = 0; j < stations.size(); ++j) {
+      if (!stations[j].known) continue;
+      const double d = (static_cast<double>(i) - static_cast<double>(j)) * kStationMm / kSmoothingMm;
+      const double w = std::exp(-0.5 * d * d) + 1e-12;
+      weight += w;
+      out[i].height_mm += w * stations[j].height_mm;
+      out[i].tilt += w * stations[j].tilt;
+    }
+    if (weight > 0.0) out[i] = {out[i].height_mm / weight, out[i].tilt / weight, true};
+  }
+  return out;
+}
+
+std::vector<Support> supports_along(const TriangleMesh& maxilla, const ArchRuler& ruler,
+                                    const Rigid3& dental_from_design) {
+  const double first = ruler.s_min_mm();
+  const auto count = static_cast<std::size_t>((ruler.s_max_mm() - first) / kStationMm) + 1;
+  std::vector<ArchCoordinates> where(maxilla.vertices_mm.size());
+  parallel_each(where.size(), [&](std::size_t v) {
+    where[v] = ruler.measure(dental_from_design * maxilla.vertices_mm[v]);
+  });
+  std::vector<std::vector<Eigen::Vector2d>> points(count);
+  for (const ArchCoordinates& c : where) {
+    if (std::abs(c.buccal_mm) > kHalfWidthMm) continue;
+    const double low = (c.s_mm - kWindowMm - first) / kStationMm,
+                 high = (c.s_mm + kWindowMm - first) / kStationMm;
+    for (int i = std::max(0, static_cast<int>(std::ceil(low)));
+         i <= std::min(static_cast<int>(count) - 1, static_cast<int>(std::floor(high))); ++i)
+      points[static_cast<std::size_t>(i)].emplace_back(c.buccal_mm, c.height_mm);
+  }
+  std::vector<Support> stations(count);
+  parallel_each(count, [&](std::size_t i) { stations[i] = support_of(std::move(points[i])); });
+  return smoothed(stations);
+}
+
+}  // namespace
+
+OcclusalMap::OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame,
+                         const Rigid3& design_from_dental) {
+  const ArchRuler ruler(frame);
+  const Rigid3 dental_from_design = design_from_dental.inverse();
+  const std::vector<Support> stations = supports_along(maxilla, ruler, dental_from_design);
+  const Box box = bounding_box(maxilla);
+  origin_ = box.min_mm;
+  nx_ = static_cast<int>(std::ceil(box.size_mm().x() / spacing_)) + 2;
+  ny_ = static_cast<int>(std::ceil(box.size_mm().y() / spacing_)) + 2;
+  level_.resize(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_));
+  off_.resize(level_.size());
+  parallel_each(nx_, [&](int i) {
+    for (int j = 0; j < ny_; ++j) {
+      Vector3 p = origin_ + spacing_ * Vector3(i, j, 0);
+      p.z() = 0.0;
+      const ArchCoordinates c = ruler.measure(dental_from_design * p);
+      const double u = std::clamp((c.s_mm - ruler.s_min_mm()) / kStationMm, 0.0,
+                                  static_cast<double>(stations.size()) - 1.001);
+      const auto n = static_cast<std::size_t>(u);
+      const double t = u - static_cast<double>(n);
+      const Support& a = stations[n];
+      const Support& b = stations[std::min(n + 1, stations.size() - 1)];
+      const double across = std::clamp(c.buccal_mm, -kHalfWidthMm, kHalfWidthMm);
+      const std::size_t at =
+          static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
+      level_[at] =
+          static_cast<float>((1 - t) * (a.height_mm + a.tilt * across) + t * (b.height_mm + b.tilt * across));
+      off_[at] = static_cast<float>(c.buccal_mm);
+    }
+  });
+}
+
+double OcclusalMap::sample(const std::vector<float>& values, const Vector3& p_mm) const {
+  const double u = std::clamp((p_mm.x() - origin_.x()) / spacing_, 0.0, nx_ - 1.001);
+  const double v = std::clamp((p_mm.y() - origin_.y()) / spacing_, 0.0, ny_ - 1.001);
+  const int i = static_cast<int>(u), j = static_cast<int>(v);
+  const double fu = u - i, fv = v - j;
+  const auto at = [&](int a, int b) {
+    return static_cast<double>(
+        values[static_cast<std::size_t>(a) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(b)]);
+  };
+  return (1 - fu) * ((1 - fv) * at(i, j) + fv * at(i, j + 1)) +
+         fu * ((1 - fv) * at(i + 1, j) + fv * at(i + 1, j + 1));
+}
+
+double OcclusalMap::level_mm(const Vector3& p_design_mm) const {
+  return sample(level_, p_design_mm);
+}
+double OcclusalMap::off_curve_mm(const Vector3& p_design_mm) const {
+  return sample(off_, p_design_mm);
+}
+
+}  // namespace gnathion
