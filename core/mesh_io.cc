@@ -10,12 +10,30 @@
 #include "core/file.h"
 #include "core/mesh_edges.h"
 #include "core/mesh_io_formats.h"
+#include "core/triangle_polygon.h"
 
 namespace gnathion {
 namespace mesh_format {
 
-void append_fan(const std::uint32_t* polygon, std::size_t corners, std::vector<Triangle>& triangles) {
-  for (std::size_t k = 2; k < corners; ++k) triangles.push_back({polygon[0], polygon[k - 1], polygon[k]});
+void Polygons::add(const std::vector<std::uint32_t>& polygon, std::vector<Triangle>& triangles) {
+  if (polygon.size() > 3) {
+    places_.push_back({triangles.size(), corners_.size(), polygon.size()});
+    corners_.insert(corners_.end(), polygon.begin(), polygon.end());
+  }
+  for (std::size_t k = 2; k < polygon.size(); ++k)
+    triangles.push_back({polygon[0], polygon[k - 1], polygon[k]});
+}
+
+void Polygons::recut_where_not_convex(TriangleMesh& mesh) const {
+  std::vector<Vector3> points;
+  for (const Place& place : places_) {
+    const std::uint32_t* polygon = &corners_[place.first_corner];
+    points.clear();
+    for (std::size_t k = 0; k < place.corners; ++k) points.push_back(mesh.vertices_mm[polygon[k]]);
+    std::size_t next = place.first_triangle;
+    for (const auto& [a, b, c] : triangulated_polygon(points))
+      mesh.triangles[next++] = {polygon[a], polygon[b], polygon[c]};
+  }
 }
 
 std::string quoted(std::string_view word) {
@@ -98,8 +116,8 @@ std::optional<Kind> kind_of(std::string_view bytes, const std::string& name) {
   return std::nullopt;
 }
 
-Result<TriangleMesh> parse_kind(Kind kind, std::string_view bytes, const std::string& name,
-                                const Companion& companion) {
+Result<ParsedMesh> parse_kind(Kind kind, std::string_view bytes, const std::string& name,
+                              const Companion& companion) {
   switch (kind) {
     case Kind::kStlBinary:
       return parse_stl_binary(bytes, name);
@@ -127,7 +145,8 @@ void drop_useless(TriangleMesh& mesh) {
 }
 
 /// The checks that every kind of file has to pass.
-Result<TriangleMesh> checked(TriangleMesh mesh, const std::string& name, bool is_stl) {
+Result<TriangleMesh> checked(ParsedMesh parsed, const std::string& name, bool is_stl) {
+  TriangleMesh& mesh = parsed.mesh;
   if (mesh.vertices_mm.size() >= 0xffffffffu || mesh.triangles.size() >= 0xffffffffu / 3)
     return bad_input(kCannotRead, name, "more vertices or triangles than this program can number");
   if (mesh.triangles.empty()) return bad_input(kCannotRead, name, "no triangles in it");
@@ -139,10 +158,11 @@ Result<TriangleMesh> checked(TriangleMesh mesh, const std::string& name, bool is
                                  p.allFinite() ? "has a coordinate beyond all measure"
                                                : "has a NaN or infinite coordinate"));
   }
+  parsed.polygons.recut_where_not_convex(mesh);
   if (is_stl) mesh = welded_exactly(mesh);
   drop_useless(mesh);
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i)
-    if (face_normal_scaled(mesh, i).squaredNorm() > 0.0) return mesh;
+    if (face_normal_scaled(mesh, i).squaredNorm() > 0.0) return std::move(mesh);
   return bad_input(kCannotRead, name, "only degenerate triangles (no area) in it");
 }
 
@@ -154,8 +174,8 @@ Result<TriangleMesh> parse_checked(std::string_view bytes, const std::string& na
     return bad_input(kCannotRead, name,
                      lower_extension(name) == ".ply" ? "not a PLY file: it does not begin with \"ply\""
                                                      : "neither STL nor PLY nor OBJ by its content");
-  GNATHION_TRY(TriangleMesh mesh, parse_kind(*kind, bytes, name, companion));
-  return checked(std::move(mesh), name, *kind == Kind::kStlBinary || *kind == Kind::kStlAscii);
+  GNATHION_TRY(ParsedMesh parsed, parse_kind(*kind, bytes, name, companion));
+  return checked(std::move(parsed), name, *kind == Kind::kStlBinary || *kind == Kind::kStlAscii);
 }
 
 }  // namespace

@@ -19,18 +19,36 @@ inline constexpr char kCannotRead[] = "cannot read mesh";
 /// Text of a file that the mesh file refers to by a relative name, if it can be had.
 using Companion = std::function<std::optional<std::string>(const std::string& relative_name)>;
 
-Result<TriangleMesh> parse_stl_binary(std::string_view bytes, const std::string& name);
-Result<TriangleMesh> parse_stl_ascii(std::string_view text, const std::string& name);
-Result<TriangleMesh> parse_ply(std::string_view bytes, const std::string& name);
-Result<TriangleMesh> parse_obj(std::string_view text, const std::string& name, const Companion& companion);
+/// Collects a file's polygons. Each is cut from its first corner at once; those of more than three corners
+/// are looked at again when all vertices are known, for that cut is wrong where a polygon is not convex.
+class Polygons {
+ public:
+  void add(const std::vector<std::uint32_t>& polygon, std::vector<Triangle>& triangles);
+  /// The vertices must be finite and all indices in range.
+  void recut_where_not_convex(TriangleMesh& mesh) const;
+
+ private:
+  struct Place {
+    std::size_t first_triangle, first_corner, corners;
+  };
+  std::vector<Place> places_;
+  std::vector<std::uint32_t> corners_;
+};
+
+struct ParsedMesh {
+  TriangleMesh mesh;
+  Polygons polygons;
+};
+
+Result<ParsedMesh> parse_stl_binary(std::string_view bytes, const std::string& name);
+Result<ParsedMesh> parse_stl_ascii(std::string_view text, const std::string& name);
+Result<ParsedMesh> parse_ply(std::string_view bytes, const std::string& name);
+Result<ParsedMesh> parse_obj(std::string_view text, const std::string& name, const Companion& companion);
 
 std::string format_stl_binary(const TriangleMesh& mesh);
 std::string format_stl_ascii(const TriangleMesh& mesh);
 std::string format_ply(const TriangleMesh& mesh, MeshFormat format);
 std::string format_obj(const TriangleMesh& mesh);
-
-/// Splits a polygon into triangles from its first corner and appends them.
-void append_fan(const std::uint32_t* polygon, std::size_t corners, std::vector<Triangle>& triangles);
 
 inline bool is_blank(char c) {
   return c == ' ' || c == '\t' || c == '\r' || c == '\f' || c == '\v';

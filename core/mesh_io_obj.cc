@@ -48,7 +48,8 @@ class ObjReader {
   explicit ObjReader(std::string_view text) : scanner_(text) {}
 
   /// False when a line is wrong; why() tells.
-  bool read(TriangleMesh& mesh) {
+  bool read(ParsedMesh& parsed) {
+    TriangleMesh& mesh = parsed.mesh;
     while (!scanner_.at_end()) {
       line_ = scanner_.line();
       const std::string_view keyword = scanner_.word_in_line();
@@ -56,7 +57,7 @@ class ObjReader {
       if (keyword == "v") {
         good = read_vertex(mesh);
       } else if (keyword == "f") {
-        good = read_face(mesh);
+        good = read_face(parsed);
       } else if (keyword == "mtllib") {
         mtl_names_.emplace_back(scanner_.rest_of_line());
       } else if (keyword == "usemtl") {
@@ -124,7 +125,8 @@ class ObjReader {
     return true;
   }
 
-  bool read_face(TriangleMesh& mesh) {
+  bool read_face(ParsedMesh& parsed) {
+    TriangleMesh& mesh = parsed.mesh;
     polygon_.clear();
     const auto count = static_cast<std::int64_t>(mesh.vertices_mm.size());
     for (std::string_view word = next_word(); !word.empty(); word = next_word()) {
@@ -141,7 +143,7 @@ class ObjReader {
       }
     }
     if (polygon_.size() < 3) return complain(fmt::format("a face with {} corners", polygon_.size()));
-    append_fan(polygon_.data(), polygon_.size(), mesh.triangles);
+    parsed.polygons.add(polygon_, mesh.triangles);
     ++faces_;
     ++faces_of_material_[material_];
     return true;
@@ -182,13 +184,14 @@ class ObjReader {
 
 }  // namespace
 
-Result<TriangleMesh> parse_obj(std::string_view text, const std::string& name, const Companion& companion) {
-  TriangleMesh mesh;
+Result<ParsedMesh> parse_obj(std::string_view text, const std::string& name, const Companion& companion) {
+  ParsedMesh parsed;
+  TriangleMesh& mesh = parsed.mesh;
   ObjReader reader(text);
-  if (!reader.read(mesh)) return bad_input(kCannotRead, name, reader.why());
+  if (!reader.read(parsed)) return bad_input(kCannotRead, name, reader.why());
   if (mesh.colors_rgb.size() != mesh.vertices_mm.size()) mesh.colors_rgb.clear();  // not all had one
   mesh.texture_file = reader.texture(companion);
-  return mesh;
+  return parsed;
 }
 
 std::string format_obj(const TriangleMesh& mesh) {

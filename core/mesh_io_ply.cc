@@ -237,7 +237,8 @@ class Values {
 /// Reads the elements' rows into a mesh.
 class PlyBody {
  public:
-  PlyBody(Values values, TriangleMesh& mesh) : values_(values), mesh_(mesh) {}
+  PlyBody(Values values, ParsedMesh& parsed)
+      : values_(values), mesh_(parsed.mesh), polygons_(parsed.polygons) {}
 
   Complaint read(const Element& element) {
     const std::size_t least = element.least_bytes(values_.binary());
@@ -307,7 +308,7 @@ class PlyBody {
       polygon_.push_back(static_cast<std::uint32_t>(*value));
       largest_index_ = std::max(largest_index_, static_cast<std::int64_t>(*value));
     }
-    append_fan(polygon_.data(), polygon_.size(), mesh_.triangles);
+    polygons_.add(polygon_, mesh_.triangles);
     return std::nullopt;
   }
 
@@ -320,6 +321,7 @@ class PlyBody {
 
   Values values_;
   TriangleMesh& mesh_;
+  Polygons& polygons_;
   bool colours_ = false;
   std::int64_t largest_index_ = -1;
   std::vector<std::uint32_t> polygon_;
@@ -327,7 +329,7 @@ class PlyBody {
 
 }  // namespace
 
-Result<TriangleMesh> parse_ply(std::string_view bytes, const std::string& name) {
+Result<ParsedMesh> parse_ply(std::string_view bytes, const std::string& name) {
   Header header;
   if (const Complaint why = read_header(bytes, header)) return bad_input(kCannotRead, name, *why);
   const auto find = [&](const char* element) {
@@ -341,9 +343,10 @@ Result<TriangleMesh> parse_ply(std::string_view bytes, const std::string& name) 
   if (face == header.elements.end() || !face->has(Role::kPolygon))
     return bad_input(kCannotRead, name, "no faces with vertex_indices in it (a point cloud?)");
 
-  TriangleMesh mesh;
+  ParsedMesh parsed;
+  TriangleMesh& mesh = parsed.mesh;
   mesh.texture_file = header.texture_file;
-  PlyBody body(Values(bytes.substr(header.body), header.encoding), mesh);
+  PlyBody body(Values(bytes.substr(header.body), header.encoding), parsed);
   for (const Element& element : header.elements)
     if (const Complaint why = body.read(element)) return bad_input(kCannotRead, name, *why);
   if (body.largest_index() >= static_cast<std::int64_t>(mesh.vertices_mm.size()))
@@ -351,7 +354,7 @@ Result<TriangleMesh> parse_ply(std::string_view bytes, const std::string& name) 
         kCannotRead, name,
         fmt::format("a face names vertex {}, but there are only {} (numbered from 0): index out of range",
                     body.largest_index(), mesh.vertices_mm.size()));
-  return mesh;
+  return parsed;
 }
 
 namespace {

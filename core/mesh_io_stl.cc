@@ -91,7 +91,7 @@ class AsciiStl {
 
 }  // namespace
 
-Result<TriangleMesh> parse_stl_binary(std::string_view bytes, const std::string& name) {
+Result<ParsedMesh> parse_stl_binary(std::string_view bytes, const std::string& name) {
   if (bytes.size() < kHeaderBytes)
     return bad_input(kCannotRead, name,
                      fmt::format("truncated: {} bytes, but the header of a binary STL alone has {}",
@@ -117,15 +117,15 @@ Result<TriangleMesh> parse_stl_binary(std::string_view bytes, const std::string&
           Vector3(corners[3 * k], corners[3 * k + 1], corners[3 * k + 2]);
     mesh.triangles[i] = {3 * i, 3 * i + 1, 3 * i + 2};
   }
-  return mesh;
+  return ParsedMesh{std::move(mesh), {}};
 }
 
-Result<TriangleMesh> parse_stl_ascii(std::string_view text, const std::string& name) {
+Result<ParsedMesh> parse_stl_ascii(std::string_view text, const std::string& name) {
   TriangleMesh mesh;
   mesh.vertices_mm.reserve(text.size() / 80);  // a facet takes about 250 bytes
   AsciiStl reader(text);
   if (!reader.read(mesh)) return bad_input(kCannotRead, name, reader.why());
-  return mesh;
+  return ParsedMesh{std::move(mesh), {}};
 }
 
 std::string format_stl_binary(const TriangleMesh& mesh) {

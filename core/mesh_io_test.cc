@@ -402,6 +402,63 @@ TEST(MeshIo, ObjOfEveryIndexForm) {
   EXPECT_TRUE(mesh->texture_file.empty());
 }
 
+/// A comb: concave whichever corner one begins at; its area is known.
+std::vector<Vector3> comb(const Matrix3& rotation, std::size_t first_corner) {
+  std::vector<Vector3> corners;
+  for (int tooth = 0; tooth < 5; ++tooth) {  // teeth 1 wide and 10 high, 1 apart, on a bar 1 high
+    corners.emplace_back(2 * tooth, 1, 0);
+    corners.emplace_back(2 * tooth, 11, 0);
+    corners.emplace_back(2 * tooth + 1, 11, 0);
+    corners.emplace_back(2 * tooth + 1, 1, 0);
+  }
+  corners.emplace_back(9, 0, 0);
+  corners.emplace_back(0, 0, 0);
+  std::reverse(corners.begin(), corners.end());  // counter-clockwise
+  std::rotate(corners.begin(), corners.begin() + std::ptrdiff_t(first_corner), corners.end());
+  for (Vector3& c : corners) c = rotation * c;
+  return corners;
+}
+
+TEST(MeshIo, ConcavePolygonsAreCutInsideThemselves) {
+  Random random(8);
+  for (std::size_t first = 0; first < 22; ++first) {
+    const Matrix3 rotation = random.rotation();
+    const std::vector<Vector3> corners = comb(rotation, first);
+    std::string obj, faces = "f";
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      for (int k = 0; k < 3; ++k) obj += (k ? " " : "v ") + std::to_string(corners[i][k]);
+      obj += "\n";
+      faces += " " + std::to_string(i + 1);
+    }
+    const auto mesh = parse_mesh(obj + faces + "\n", "comb.obj");
+    ASSERT_TRUE(mesh) << mesh.error().line();
+    EXPECT_EQ(mesh->triangles.size(), 20u);
+    // Overlapping or outlying triangles would make the surface larger than the polygon.
+    EXPECT_NEAR(surface_area_mm2(*mesh), 5 * 10.0 + 9.0, 1e-4);
+    for (std::size_t i = 0; i < mesh->triangles.size(); ++i) {
+      const Vector3 n = face_normal_scaled(*mesh, i);
+      if (n.norm() > 1e-3) {  // the feet of the teeth are in one line: slivers of six digits' rounding
+        EXPECT_GT(n.normalized().dot(rotation.col(2)), 0.999);
+      }
+    }
+    EXPECT_EQ(mesh_topology(*mesh).boundary_edges, 22u);
+  }
+}
+
+TEST(MeshIo, PolygonsThatCrossThemselvesDoNotHang) {
+  std::string obj;
+  Random random(9);
+  for (int i = 0; i < 600; ++i)
+    obj += "v " + std::to_string(random.normal()) + " " + std::to_string(random.normal()) + " 0\n";
+  for (const int corners : {4, 5, 30, 500, 600}) {
+    std::string face = "f";
+    for (int i = 1; i <= corners; ++i) face += " " + std::to_string(i);
+    const auto mesh = parse_mesh(obj + face + "\n", "knot.obj");
+    ASSERT_TRUE(mesh);
+    EXPECT_EQ(mesh->triangles.size(), std::size_t(corners - 2));
+  }
+}
+
 TEST(MeshIo, ObjColoursBehindCoordinates) {
   const auto mesh = parse_mesh("v 0 0 0 1 0 0.5\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n", "a.obj");
   ASSERT_TRUE(mesh);
