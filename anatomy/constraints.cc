@@ -76,8 +76,7 @@ struct KeptContacts {
 };
 
 KeptContacts kept_contacts(const JawsInTp& jaws, const RealizabilityLimits& limits) {
-  const auto mi = find_contacts(jaws.mandible.mesh(), jaws.mandible_fdi, Rigid3::identity(), jaws.maxilla,
-                                -jaws.arch.up, jaws.arch, limits.contact_mm);
+  const Contacts& mi = jaws.contacts_mi;
   std::vector<Vector3> points;
   for (const auto& s : mi.samples) points.push_back(s.p_mm);
   const auto room = signed_gaps_mm(points, jaws.therapeutic, jaws.maxilla, -jaws.arch.up, limits.aperture_mm);

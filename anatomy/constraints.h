@@ -9,15 +9,17 @@
 
 namespace gnathion {
 
-/// Everything the constraints look at, computed once.
+/// Everything the constraints look at, computed once per transformation.
 struct JawsInTp {
   const MeshQuery& maxilla;
   const MeshQuery& mandible;  ///< in MI
   const std::vector<std::uint8_t>& maxilla_fdi;
   const std::vector<std::uint8_t>& mandible_fdi;
   const ArchFrame& arch;
+  const Overlap& overlap_mi;
+  const Contacts& contacts_mi;  ///< on the mandible
   Rigid3 therapeutic;
-  Overlap overlap_mi, overlap_tp;
+  Overlap overlap_tp;
   std::vector<ToothClearance> clearances;  ///< in TP, per mandibular tooth
 };
 

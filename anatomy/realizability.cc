@@ -55,35 +55,73 @@ std::vector<std::string> Feasibility::violated() const {
   return names;
 }
 
-Result<Feasibility> check_realizability(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
-                                        const Motion<Dental>& therapeutic,
-                                        const RealizabilityLimits& limits) {
-  Feasibility out;
-  GNATHION_TRY(out.arch, find_arch(maxilla, mandible_mi));
-  const auto maxilla_fdi = assign_teeth(maxilla, out.arch, Arch::kMaxilla);
-  const auto mandible_fdi = assign_teeth(mandible_mi, out.arch, Arch::kMandible);
-  const MeshQuery upper(maxilla), lower(mandible_mi);
+struct RealizabilityChecker::Jaws {
+  RealizabilityLimits limits;
+  ArchFrame arch;
+  std::vector<std::uint8_t> maxilla_fdi, mandible_fdi;
+  MeshQuery maxilla, mandible;
+  Overlap overlap_mi;
+  Contacts contacts_mi;
+};
+
+RealizabilityChecker::RealizabilityChecker(std::unique_ptr<Jaws> jaws) : jaws_(std::move(jaws)) {}
+RealizabilityChecker::~RealizabilityChecker() = default;
+RealizabilityChecker::RealizabilityChecker(RealizabilityChecker&&) noexcept = default;
+RealizabilityChecker& RealizabilityChecker::operator=(RealizabilityChecker&&) noexcept = default;
+const ArchFrame& RealizabilityChecker::arch() const {
+  return jaws_->arch;
+}
+
+Result<RealizabilityChecker> RealizabilityChecker::create(const TriangleMesh& maxilla,
+                                                          const TriangleMesh& mandible_mi,
+                                                          const RealizabilityLimits& limits) {
+  GNATHION_TRY(const ArchFrame arch, find_arch(maxilla, mandible_mi));
+  auto jaws = std::make_unique<Jaws>(Jaws{.limits = limits,
+                                          .arch = arch,
+                                          .maxilla_fdi = assign_teeth(maxilla, arch, Arch::kMaxilla),
+                                          .mandible_fdi = assign_teeth(mandible_mi, arch, Arch::kMandible),
+                                          .maxilla = MeshQuery(maxilla),
+                                          .mandible = MeshQuery(mandible_mi),
+                                          .overlap_mi = {},
+                                          .contacts_mi = {}});
+  jaws->overlap_mi = find_overlap(jaws->maxilla, jaws->mandible, Rigid3::identity(), arch.up);
+  jaws->contacts_mi = find_contacts(mandible_mi, jaws->mandible_fdi, Rigid3::identity(), jaws->maxilla,
+                                    -arch.up, arch, limits.contact_mm);
+  return RealizabilityChecker(std::move(jaws));
+}
+
+Feasibility RealizabilityChecker::check(const Motion<Dental>& therapeutic) const {
   const Rigid3& motion = therapeutic.rigid;
   const JawsInTp jaws{
-      .maxilla = upper,
-      .mandible = lower,
-      .maxilla_fdi = maxilla_fdi,
-      .mandible_fdi = mandible_fdi,
-      .arch = out.arch,
+      .maxilla = jaws_->maxilla,
+      .mandible = jaws_->mandible,
+      .maxilla_fdi = jaws_->maxilla_fdi,
+      .mandible_fdi = jaws_->mandible_fdi,
+      .arch = jaws_->arch,
+      .overlap_mi = jaws_->overlap_mi,
+      .contacts_mi = jaws_->contacts_mi,
       .therapeutic = motion,
-      .overlap_mi = find_overlap(upper, lower, Rigid3::identity(), out.arch.up),
-      .overlap_tp = find_overlap(upper, lower, motion, out.arch.up),
-      .clearances = tooth_clearances(upper, maxilla_fdi, mandible_mi, mandible_fdi, motion, out.arch)};
-
-  out.constraints.push_back(mandible_below_maxilla(jaws));
-  out.constraints.push_back(no_intersection(jaws, limits));
-  out.constraints.push_back(interocclusal_clearance(jaws, limits));
-  out.constraints.push_back(wall_room(jaws, limits));
-  for (auto& c : reachable_from_mi(out.arch, motion, limits)) out.constraints.push_back(std::move(c));
-  out.constraints.push_back(uniform_contact(jaws, limits));
+      .overlap_tp = find_overlap(jaws_->maxilla, jaws_->mandible, motion, jaws_->arch.up),
+      .clearances = tooth_clearances(jaws_->maxilla, jaws_->maxilla_fdi, jaws_->mandible.mesh(),
+                                     jaws_->mandible_fdi, motion, jaws_->arch)};
+  Feasibility out;
+  out.arch = jaws_->arch;
+  out.constraints = {mandible_below_maxilla(jaws), no_intersection(jaws, jaws_->limits),
+                     interocclusal_clearance(jaws, jaws_->limits), wall_room(jaws, jaws_->limits)};
+  for (auto& c : reachable_from_mi(jaws_->arch, motion, jaws_->limits))
+    out.constraints.push_back(std::move(c));
+  out.constraints.push_back(uniform_contact(jaws, jaws_->limits));
   out.constraints.push_back(joints_not_checked());
   out.verdict = verdict_of(out.constraints);
   return out;
+}
+
+Result<Feasibility> check_realizability(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
+                                        const Motion<Dental>& therapeutic,
+                                        const RealizabilityLimits& limits) {
+  GNATHION_TRY(const RealizabilityChecker checker,
+               RealizabilityChecker::create(maxilla, mandible_mi, limits));
+  return checker.check(therapeutic);
 }
 
 nlohmann::json feasibility_json(const Feasibility& feasibility) {

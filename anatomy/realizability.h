@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
@@ -70,7 +71,28 @@ struct Feasibility {
   std::vector<std::string> violated() const;
 };
 
-/// Checks T_th against both jaws in MI. Fails (kInput) only where nothing can be judged: see find_arch.
+/// Two jaws made ready (orientation, teeth, distance queries, MI's own overlap and contacts), to be asked
+/// about any number of transformations.
+class RealizabilityChecker {
+ public:
+  /// Fails (kInput) only where nothing can be judged: see find_arch.
+  static Result<RealizabilityChecker> create(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
+                                             const RealizabilityLimits& limits = {});
+  ~RealizabilityChecker();
+  RealizabilityChecker(RealizabilityChecker&&) noexcept;
+  RealizabilityChecker& operator=(RealizabilityChecker&&) noexcept;
+
+  /// Thread-safe; the result does not depend on the number of threads.
+  Feasibility check(const Motion<Dental>& therapeutic) const;
+  const ArchFrame& arch() const;
+
+ private:
+  struct Jaws;
+  explicit RealizabilityChecker(std::unique_ptr<Jaws> jaws);
+  std::unique_ptr<Jaws> jaws_;
+};
+
+/// Checks one T_th against both jaws in MI.
 Result<Feasibility> check_realizability(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
                                         const Motion<Dental>& therapeutic,
                                         const RealizabilityLimits& limits = {});
