@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/rigid.h"
+#include "core/result.h"
 #include "core/sample.h"
 
 namespace gnathion {

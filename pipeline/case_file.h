@@ -2,29 +2,26 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 
 #include "core/result.h"
 
 namespace gnathion {
 
-/// Absent entries are empty paths. docs/formats.md has a commented example.
+/// Paths are absolute once read; absent entries are empty.
 struct CaseFile {
   std::filesystem::path folder;
-  std::string id;  ///< stands in logs, pictures and reports; never a patient's name
-  std::optional<std::uint64_t> phantom_seed;  ///< the case is a virtual patient
-  // [scans]
+  std::string kind;  ///< "phantom" or "patient"
   std::filesystem::path maxilla_mi, mandible_mi, maxilla_tp, mandible_tp, mandible_clutch, face_mi, face_tp;
-  // [bodies]
-  std::filesystem::path bow_model, head_frame_model, rig;
-  // [recordings]
-  std::filesystem::path session;
-  // [truth]
-  std::filesystem::path truth;
+  std::filesystem::path bow_model, head_frame_model;
+  std::filesystem::path rig, recording;
+  std::filesystem::path truth;  ///< phantoms only
+
+  std::filesystem::path toml() const { return folder / "case.toml"; }
 };
 
-/// Reads FOLDER/case.toml; every file it names must exist. Unknown keys are refused by name.
+/// Reads FOLDER/case.toml. Refused with kInput: what is not TOML, an unknown key, a file that is named but
+/// does not exist, a case without both jaws in MI.
 Result<CaseFile> read_case(const std::filesystem::path& folder);
 
 }  // namespace gnathion

@@ -14,6 +14,8 @@ namespace gnathion {
 namespace fs = std::filesystem;
 namespace {
 
+using nlohmann::json;
+
 Result<InputRecord> record_of(const fs::path& path) {
   GNATHION_TRY(const std::string hash, sha256_of_file(path));
   return InputRecord{path.string(), hash};
@@ -79,8 +81,8 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
                                                         inputs.splint.therapeutic, limits));
   GNATHION_CHECK_OK(write_json(folder / "feasibility.json", feasibility_json(outcome.feasibility)));
   if (outcome.feasibility.verdict == Verdict::kNotRealizable) {
-    outcome.report = refusal_json(job, inputs, outcome.feasibility, total.seconds());
-    GNATHION_CHECK_OK(write_json(folder / "design.json", outcome.report));
+    outcome.report = std::make_shared<json>(refusal_json(job, inputs, outcome.feasibility, total.seconds()));
+    GNATHION_CHECK_OK(write_json(folder / "design.json", *outcome.report));
     return outcome;
   }
 
@@ -89,9 +91,10 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
 
   progress.begin_step("writing and drawing", 0.15);
   GNATHION_CHECK_OK(write_splint(*outcome.design, inputs, folder));
-  outcome.report = design_json(*outcome.design, inputs.files, kVersion, total.seconds(), peak_rss_mib());
+  outcome.report = std::make_shared<json>(
+      design_json(*outcome.design, inputs.files, kVersion, total.seconds(), peak_rss_mib()));
   if (job.pictures) GNATHION_CHECK_OK(draw_design(inputs.splint, *outcome.design, folder / "pictures"));
-  GNATHION_CHECK_OK(write_json(folder / "design.json", outcome.report));
+  GNATHION_CHECK_OK(write_json(folder / "design.json", *outcome.report));
   return outcome;
 }
 

@@ -2,8 +2,11 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
+
+#include <nlohmann/json_fwd.hpp>
 
 #include "anatomy/realizability.h"
 #include "core/progress.h"
@@ -31,8 +34,8 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job);
 
 struct DesignOutcome {
   Feasibility feasibility;
-  std::optional<SplintDesign> design;  ///< absent when T_th is not realizable
-  nlohmann::json report;               ///< design.json
+  std::optional<SplintDesign> design;            ///< absent when T_th is not realizable
+  std::shared_ptr<const nlohmann::json> report;  ///< design.json
   bool accepted() const { return design && design->verdict == "pass"; }
 };
 

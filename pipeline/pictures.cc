@@ -12,9 +12,15 @@ SceneView view_from(const Vector3& direction, const Vector3& up, double zoom = 1
 
 Status draw_scenes(const SplintInputs& in, const SplintDesign& d, const fs::path& folder) {
   const ArchFrame& f = d.arch;
-  const SceneMesh maxilla{&in.maxilla, palette::kToothIvory};
-  const SceneMesh mandible{&d.mandible_tp, palette::kMandibleIvory};
-  const SceneMesh splint{&d.splint, palette::kSplintClear};
+  const auto item = [](const TriangleMesh& mesh, const Color& color) {
+    SceneMesh m;
+    m.mesh = &mesh;
+    m.color = color;
+    return m;
+  };
+  const SceneMesh maxilla = item(in.maxilla, palette::kToothIvory);
+  const SceneMesh mandible = item(d.mandible_tp, palette::kMandibleIvory);
+  const SceneMesh splint = item(d.splint, palette::kSplintClear);
   SceneMesh clear = splint;
   clear.opacity = 0.55;
   const Vector3 from_below = -f.up;

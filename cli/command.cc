@@ -1,0 +1,87 @@
+#include "cli/command.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <filesystem>
+
+#include "pipeline/version.h"
+
+namespace gnathion {
+namespace {
+
+constexpr const char* kDescription =
+    "Gnathion: from a recorded jaw motion to an occlusal positioning splint.\n"
+    "Research software; it makes no clinical claim.";
+constexpr const char* kFooter =
+    "Lengths are millimetres, angles degrees, times seconds. Exit codes: 0 done, 2 wrong usage,\n"
+    "3 valid input but the result fails a gate, 4 unreadable or invalid input, 1 anything else.";
+
+int print_error(const Error& error) {
+  fmt::print(stderr, "gnathion: {}\n", error.line());
+  return exit_code(error.code);
+}
+
+int print_usage_error(const CLI::App& app, const CLI::ParseError& e) {
+  if (e.get_exit_code() == 0) return app.exit(e);  // --help, --version
+  std::string why = e.what();
+  for (char& c : why)
+    if (c == '\n') c = ' ';
+  fmt::print(stderr, "gnathion: wrong usage: {}: try --help\n", why);
+  return exit_code(ErrorCode::kUsage);
+}
+
+}  // namespace
+
+void finish_command(CLI::App& command, ChosenCommand& chosen, CommandBody body, bool writes) {
+  const auto common = chosen.common;
+  command.add_flag("--json", common->json, "print the result as JSON on stdout");
+  command.add_flag("--quiet", common->quiet, "no progress, no summary");
+  if (writes) command.add_flag("--force", common->force, "replace an existing output");
+  command.footer(kFooter);
+  command.callback([&chosen, body = std::move(body)] { chosen.body = body; });
+}
+
+Status may_write(const std::string& path, const CommonOptions& common) {
+  std::error_code ec;
+  if (!common.force && std::filesystem::exists(path, ec))
+    return fail(ErrorCode::kUsage, "cannot write", path, "exists; --force replaces it");
+  return {};
+}
+
+int run_command_line(int argc, char** argv) {
+  CLI::App app(kDescription, "gnathion");
+  app.set_version_flag("--version", std::string("gnathion ") + kVersion);
+  app.require_subcommand(1);
+  app.footer(kFooter);
+  ChosenCommand chosen;
+  add_demo_commands(app, chosen);
+  add_recording_commands(app, chosen);
+  add_transform_commands(app, chosen);
+  add_design_commands(app, chosen);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return print_usage_error(app, e);
+  }
+  const CommonOptions& common = *chosen.common;
+  Result<CommandOutput> output = CommandOutput{};
+  {
+    TerminalProgress progress(progress_mode(common.quiet));
+    try {
+      output = chosen.body(common, progress);
+    } catch (const std::bad_alloc&) {
+      output = fail(ErrorCode::kInternal, "cannot go on", "memory", "not enough of it");
+    }
+  }
+  if (!output) return print_error(output.error());
+  if (common.json) {
+    std::puts(output->json.c_str());
+  } else if (!common.quiet) {
+    std::fputs(output->text.c_str(), stdout);
+  }
+  return output->gate_failed ? exit_code(ErrorCode::kGate) : 0;
+}
+
+}  // namespace gnathion

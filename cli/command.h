@@ -1,0 +1,54 @@
+// What all commands share: options, output, exit codes.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "cli/terminal_progress.h"
+#include "core/result.h"
+
+namespace CLI {
+class App;
+}
+
+namespace gnathion {
+
+/// Options that every command has.
+struct CommonOptions {
+  bool json = false, quiet = false, force = false;
+};
+
+/// What a command gives back when it could do its work.
+struct CommandOutput {
+  std::string text;          ///< for people; printed unless --quiet or --json
+  std::string json;          ///< for --json
+  bool gate_failed = false;  ///< exit code 3
+};
+
+/// A command, once its options are parsed.
+using CommandBody = std::function<Result<CommandOutput>(const CommonOptions&, Progress&)>;
+
+/// The command that the parsed command line asks for, with its common options.
+struct ChosenCommand {
+  CommandBody body;
+  std::shared_ptr<CommonOptions> common = std::make_shared<CommonOptions>();
+};
+
+/// Adds --json, --quiet (and --force where outputs are written) to a subcommand and remembers `body` for it.
+void finish_command(CLI::App& command, ChosenCommand& chosen, CommandBody body, bool writes = true);
+
+void add_demo_commands(CLI::App& app, ChosenCommand& chosen);       // demo, phantom
+void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording info|verify|recover, track
+void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion
+void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
+
+/// Refuses an output that exists unless forced (kUsage).
+Status may_write(const std::string& path, const CommonOptions& common);
+
+/// Parses, runs, prints; the process's exit code.
+int run_command_line(int argc, char** argv);
+
+}  // namespace gnathion

@@ -1,0 +1,55 @@
+#include "cli/terminal_progress.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+
+namespace gnathion {
+
+TerminalProgress::Mode progress_mode(bool quiet) {
+  if (quiet) return TerminalProgress::Mode::kSilent;
+  return ::isatty(STDERR_FILENO) ? TerminalProgress::Mode::kBar : TerminalProgress::Mode::kLines;
+}
+
+TerminalProgress::~TerminalProgress() {
+  finish_step();
+}
+
+void TerminalProgress::begin_step(std::string_view name, double share) {
+  finish_step();
+  done_ = std::min(1.0, done_ + share_);
+  share_ = share;
+  step_ = name;
+  last_percent_ = -1;
+  step_time_.restart();
+  draw(0);
+}
+
+void TerminalProgress::update(double fraction) {
+  draw(std::clamp(fraction, 0.0, 1.0));
+}
+
+void TerminalProgress::draw(double fraction) {
+  if (mode_ != Mode::kBar || step_.empty()) return;
+  const double all = std::min(1.0, done_ + share_ * fraction);
+  const int percent = static_cast<int>(100 * all);
+  if (percent == last_percent_) return;
+  last_percent_ = percent;
+  constexpr int kWidth = 30;
+  const int filled = static_cast<int>(kWidth * all);
+  fmt::print(stderr, "\r\033[K[{}{}] {:3d} %  {}", std::string(static_cast<std::size_t>(filled), '#'),
+             std::string(static_cast<std::size_t>(kWidth - filled), '.'), percent, step_);
+  std::fflush(stderr);
+}
+
+void TerminalProgress::finish_step() {
+  if (step_.empty()) return;
+  if (mode_ == Mode::kBar) fmt::print(stderr, "\r\033[K");
+  if (mode_ != Mode::kSilent) fmt::print(stderr, "  {:<46} {:6.1f} s\n", step_, step_time_.seconds());
+  std::fflush(stderr);
+  step_.clear();
+}
+
+}  // namespace gnathion

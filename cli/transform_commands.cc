@@ -1,0 +1,158 @@
+// calibrate chain, transform scans|motion.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "acquisition/pose_recording.h"
+#include "cli/command.h"
+#include "core/mesh_io.h"
+#include "pipeline/motion_steps.h"
+#include "pipeline/therapeutic_steps.h"
+
+namespace gnathion {
+namespace {
+
+using nlohmann::json;
+
+std::string pose_line(const char* name, const ChainPose& p) {
+  std::string weak;
+  for (const std::string& w : p.weak) weak += (weak.empty() ? "; weak: " : ", ") + w;
+  return fmt::format("{:<18} rms {:.3f} mm, held out {:.3f} mm, condition {:.0f}{}\n", name, p.rms_mm,
+                     p.held_out_mm, p.condition, weak);
+}
+
+void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
+  struct Options {
+    ChainFiles files;
+    std::string out;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command =
+      calibrate.add_subcommand("chain", "T_D, T_F, T and T_B from scans of bow, teeth and face");
+  command->add_option("--mandible-mi", o->files.mandible_mi, "lower arch in the dental frame")->required();
+  command->add_option("--clutch-scan", o->files.clutch_scan, "lower teeth with the clutch on")->required();
+  command->add_option("--bow-model", o->files.bow_model, "the bow's CAD surface")->required();
+  command->add_option("--face-mi", o->files.face_mi, "face scan with the bow in MI");
+  command->add_option("--face-tp", o->files.face_tp, "face scan with the bow in TP");
+  command->add_option("--out", o->out, "chain.json")->required();
+  finish_command(*command, chosen,
+                 [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+                   GNATHION_CHECK_OK(may_write(o->out, common));
+                   GNATHION_TRY(const ChainScans scans, read_chain_scans(o->files));
+                   GNATHION_TRY(const Chain chain, solve_chain(scans, {}, progress));
+                   const json j = chain_json(chain);
+                   GNATHION_CHECK_OK(write_json(o->out, j));
+                   std::string text = pose_line("bow_from_dental", chain.bow_from_dental);
+                   if (chain.has_faces)
+                     text += pose_line("bow_from_face", chain.bow_from_face) +
+                             pose_line("dental_from_face", chain.dental_from_face) +
+                             pose_line("bow_motion", chain.bow_motion);
+                   return CommandOutput{text, j.dump(2), false};
+                 });
+}
+
+void add_transform_scans(CLI::App& transform, ChosenCommand& chosen) {
+  struct Options {
+    std::string maxilla_mi, mandible_mi, maxilla_tp, mandible_tp, out;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command = transform.add_subcommand("scans", "T_th from intraoral scans in MI and in TP");
+  command->add_option("--maxilla-mi", o->maxilla_mi, "upper arch, dental frame")->required();
+  command->add_option("--mandible-mi", o->mandible_mi, "lower arch in MI, dental frame")->required();
+  command->add_option("--maxilla-tp", o->maxilla_tp, "upper arch of the scan in TP")->required();
+  command->add_option("--mandible-tp", o->mandible_tp, "lower arch of the scan in TP")->required();
+  command->add_option("--out", o->out, "T_th.json")->required();
+  finish_command(
+      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_CHECK_OK(may_write(o->out, common));
+        GNATHION_TRY(const TriangleMesh maxilla_mi, read_jaw(o->maxilla_mi));
+        GNATHION_TRY(const TriangleMesh mandible_mi, read_jaw(o->mandible_mi));
+        GNATHION_TRY(const TriangleMesh maxilla_tp, read_jaw(o->maxilla_tp));
+        GNATHION_TRY(const TriangleMesh mandible_tp, read_jaw(o->mandible_tp));
+        GNATHION_TRY(const TwoScanResult r,
+                     therapeutic_from_scans(maxilla_mi, mandible_mi, maxilla_tp, mandible_tp, {}, progress));
+        const json j = motion_json(r.therapeutic.value, r.therapeutic.covariance,
+                                   {{"route", "intraoral scans"},
+                                    {"maxilla", pose_json(r.dental_from_intraoral_tp)},
+                                    {"mandible", pose_json(r.mandible)}});
+        GNATHION_CHECK_OK(write_json(o->out, j));
+        return CommandOutput{pose_line("maxilla", r.dental_from_intraoral_tp) +
+                                 pose_line("mandible", r.mandible) + motion_text(r.therapeutic.value),
+                             j.dump(2), false};
+      });
+}
+
+Result<std::pair<double, double>> parse_interval(const std::string& text) {
+  const auto dots = text.find("..");
+  if (dots != std::string::npos) {
+    char* end = nullptr;
+    const std::string first = text.substr(0, dots), second = text.substr(dots + 2);
+    const double start = std::strtod(first.c_str(), &end);
+    const bool good = end != first.c_str() && *end == 0;
+    const double stop = std::strtod(second.c_str(), &end);
+    if (good && end != second.c_str() && *end == 0 && start >= 0 && stop > start)
+      return std::pair(start, stop);
+  }
+  return fail(ErrorCode::kUsage, "wrong usage", text, "an interval is START..END in seconds, as 3.2..3.9");
+}
+
+Result<std::vector<std::pair<double, double>>> parse_intervals(const std::vector<std::string>& texts) {
+  std::vector<std::pair<double, double>> out;
+  for (const std::string& t : texts) {
+    GNATHION_TRY(const auto interval, parse_interval(t));
+    out.push_back(interval);
+  }
+  return out;
+}
+
+void add_transform_motion(CLI::App& transform, ChosenCommand& chosen) {
+  struct Options {
+    std::string motion, calibration, out;
+    std::vector<std::string> mi_s, tp_s;
+    bool accept_slip = false;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command = transform.add_subcommand("motion", "T_th from a tracked motion and the chain");
+  command->add_option("--motion", o->motion, "motion.mcap of 'gnathion track'")->required();
+  command->add_option("--calibration", o->calibration, "chain.json")->required();
+  command->add_option("--mi-s", o->mi_s,
+                      "MI, START..END in seconds from the first sample; else pedal marks, else found");
+  command->add_option("--tp-s", o->tp_s, "TP, in the same way");
+  command->add_flag("--accept-slip", o->accept_slip, "go on although the MI recordings do not close");
+  command->add_option("--out", o->out, "T_th.json")->required();
+  finish_command(
+      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_CHECK_OK(may_write(o->out, common));
+        PlateauOptions plateaus;
+        GNATHION_TRY(plateaus.mi_s, parse_intervals(o->mi_s));
+        GNATHION_TRY(plateaus.tp_s, parse_intervals(o->tp_s));
+        progress.begin_step("averaging MI and TP", 1.0);
+        GNATHION_TRY(const PoseRecording poses, read_poses(o->motion));
+        GNATHION_TRY(const SessionMotion session, to_session_motion(poses, o->motion));
+        GNATHION_TRY(const json chain_file, read_json(o->calibration));
+        GNATHION_TRY(const Chain chain, chain_from_json(chain_file, o->calibration));
+        GNATHION_TRY(const CameraRoute route, camera_route(session, chain.bow_from_dental, plateaus));
+        if (!route.positions.closes() && !o->accept_slip)
+          return fail(ErrorCode::kGate, "MI does not close", o->motion,
+                      closure_text(route.positions) + "; --accept-slip goes on");
+        const json j = motion_json(route.estimate.therapeutic.value, route.estimate.therapeutic.covariance,
+                                   camera_route_source(route));
+        GNATHION_CHECK_OK(write_json(o->out, j));
+        return CommandOutput{motion_text(route.estimate.therapeutic.value), j.dump(2), false};
+      });
+}
+
+}  // namespace
+
+void add_transform_commands(CLI::App& app, ChosenCommand& chosen) {
+  CLI::App* calibrate = app.add_subcommand("calibrate", "solve for poses that link the instruments");
+  calibrate->require_subcommand(1);
+  add_calibrate_chain(*calibrate, chosen);
+  CLI::App* transform = app.add_subcommand("transform", "the therapeutic transformation T_th");
+  transform->require_subcommand(1);
+  add_transform_scans(*transform, chosen);
+  add_transform_motion(*transform, chosen);
+}
+
+}  // namespace gnathion

@@ -1,0 +1,74 @@
+#include "pipeline/case_file.h"
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+#include <map>
+
+#include "core/file.h"
+
+namespace gnathion {
+namespace {
+
+constexpr const char* kWhat = "cannot read case";
+using Roles = std::map<std::string, std::filesystem::path*>;
+
+Status take_files(const toml::table& table, const std::string& section, const Roles& roles, CaseFile& c) {
+  for (const auto& [key, node] : table) {
+    const std::string name(key.str());
+    const auto role = roles.find(name);
+    if (role == roles.end()) {
+      if (section == "truth") continue;  // the phantom's own surfaces; nothing here needs them
+      return bad_input(kWhat, c.toml().string(), fmt::format("unknown key '{}' in [{}]", name, section));
+    }
+    const auto value = node.value<std::string>();
+    if (!value) return bad_input(kWhat, c.toml().string(), fmt::format("'{}' is not a path", name));
+    *role->second = c.folder / *value;
+    std::error_code ec;
+    if (!std::filesystem::exists(*role->second, ec))
+      return bad_input(kWhat, c.toml().string(),
+                       fmt::format("'{}' names {}, which does not exist", name, *value));
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<CaseFile> read_case(const std::filesystem::path& folder) {
+  CaseFile c;
+  c.folder = folder;
+  GNATHION_TRY(const std::string text, read_file(c.toml()));
+  toml::table t;
+  try {
+    t = toml::parse(text);
+  } catch (const toml::parse_error& e) {
+    return bad_input(kWhat, c.toml().string(),
+                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
+  }
+  const std::map<std::string, Roles> sections = {
+      {"scans",
+       {{"maxilla_mi", &c.maxilla_mi},
+        {"mandible_mi", &c.mandible_mi},
+        {"maxilla_tp", &c.maxilla_tp},
+        {"mandible_tp", &c.mandible_tp},
+        {"mandible_clutch", &c.mandible_clutch},
+        {"face_mi", &c.face_mi},
+        {"face_tp", &c.face_tp}}},
+      {"bodies", {{"bow", &c.bow_model}, {"head_frame", &c.head_frame_model}}},
+      {"session", {{"rig", &c.rig}, {"recording", &c.recording}}},
+      {"truth", {{"poses", &c.truth}}}};
+  for (const auto& [key, node] : t) {
+    const std::string name(key.str());
+    if (name == "case" || name == "design") continue;
+    const auto section = sections.find(name);
+    if (section == sections.end() || !node.is_table())
+      return bad_input(kWhat, c.toml().string(), fmt::format("unknown section '{}'", name));
+    GNATHION_CHECK_OK(take_files(*node.as_table(), name, section->second, c));
+  }
+  c.kind = t["case"]["kind"].value_or(std::string("patient"));
+  if (c.maxilla_mi.empty() || c.mandible_mi.empty())
+    return bad_input(kWhat, c.toml().string(), "[scans] needs maxilla_mi and mandible_mi");
+  return c;
+}
+
+}  // namespace gnathion

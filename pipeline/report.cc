@@ -1,0 +1,204 @@
+#include "pipeline/report.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "core/file.h"
+#include "pipeline/run_case.h"
+#include "pipeline/version.h"
+
+namespace gnathion {
+namespace fs = std::filesystem;
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kStyle = R"css(
+body{font:15px/1.45 system-ui,sans-serif;color:#1c2430;max-width:1100px;margin:2em auto;padding:0 1em}
+h1{font-size:1.6em;margin-bottom:.1em}h2{font-size:1.15em;margin-top:1.6em;border-bottom:1px solid #ccd}
+.note{background:#fff6df;border:1px solid #e6d08c;padding:.5em .8em}
+.pass{color:#116329;font-weight:600}.fail{color:#a40e26;font-weight:600}
+table{border-collapse:collapse;margin:.6em 0}td,th{padding:.2em .8em .2em 0;text-align:left;border-bottom:1px solid #e4e7ee}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
+.pictures{display:grid;grid-template-columns:1fr 1fr;gap:14px}figure{margin:0}img{width:100%;border:1px solid #dde}
+figcaption{font-size:.85em;color:#556}
+)css";
+
+std::string escaped(const std::string& text) {
+  std::string out;
+  for (const char c : text) switch (c) {
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '&':
+        out += "&amp;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
+    }
+  return out;
+}
+
+std::string base64(const std::string& bytes) {
+  static const char* alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    std::uint32_t block = 0;
+    for (std::size_t k = 0; k < 3; ++k)
+      block = block << 8 | (i + k < bytes.size() ? static_cast<unsigned char>(bytes[i + k]) : 0u);
+    for (std::size_t k = 0; k < 4; ++k)
+      out += i + k > bytes.size() ? '=' : alphabet[block >> (18 - 6 * k) & 63];
+  }
+  return out;
+}
+
+std::string row(const std::vector<std::string>& cells, const char* tag = "td") {
+  std::string text = "<tr>";
+  for (std::size_t i = 0; i < cells.size(); ++i)
+    text += fmt::format("<{}{}>{}</{}>", tag, i == 0 ? "" : " class=n", cells[i], tag);
+  return text + "</tr>\n";
+}
+
+std::string motion_section(const CaseResults& r) {
+  const Rigid3& t = r.therapeutic.therapeutic.value.rigid;
+  std::string text =
+      fmt::format("<h2>Therapeutic transformation</h2><p>Rotation {:.3f}°.", t.angle_rad() * 180 / M_PI);
+  if (r.comparison)
+    text += fmt::format(
+        " The camera and the face scans give T_th independently: they differ by at most {:.3f} mm and "
+        "{:.3f}° ({}); the two are fused by their covariances.",
+        r.comparison->largest_mm, r.comparison->angle_deg,
+        r.comparison->consistent ? "within their stated errors"
+                                 : "<span class=fail>more than their stated errors allow</span>");
+  text += "</p><table>" + row({"point of the mandible", "displacement [mm]", "95 % bound [mm]"}, "th");
+  for (std::size_t i = 0; i < r.landmarks.size(); ++i)
+    text += row({r.landmark_names[i], fmt::format("{:.3f}", r.landmarks[i].length_mm),
+                 fmt::format("{:.3f}", r.landmarks[i].bound95_mm)});
+  return text + "</table>";
+}
+
+std::string recording_section(const CaseResults& r) {
+  std::size_t valid = 0;
+  for (const MotionRow& m : r.session.rows) valid += m.valid();
+  std::string text =
+      fmt::format("<h2>Recording</h2><p>{} camera frames, {} of them with bow and head frame.</p><table>",
+                  r.session.rows.size(), valid);
+  text += row({"rest", "from [s]", "to [s]", "frames", "dispersion [mm]"}, "th");
+  const auto add = [&](const char* name, const std::vector<Plateau>& plateaus) {
+    for (const Plateau& p : plateaus)
+      text += row({fmt::format("{} ({})", name, p.source), fmt::format("{:.2f}", p.start_s),
+                   fmt::format("{:.2f}", p.end_s), std::to_string(p.frames),
+                   fmt::format("{:.4f}", p.dispersion_mm)});
+  };
+  add("MI", r.camera.positions.mi);
+  add("TP", r.camera.positions.tp);
+  text += "</table><p>";
+  for (const Closure& c : r.camera.positions.closures)
+    text += fmt::format("MI {} against MI {}: {:.4f} mm, {:.4f}° ({:.1f} σ). ", c.second + 1, c.first + 1,
+                        c.distance_mm, c.angle_deg, c.sigmas);
+  return text + "</p>";
+}
+
+std::string chain_section(const Chain& chain) {
+  std::string text = "<h2>Chain of frames</h2><table>" +
+                     row({"registration", "rms [mm]", "held out [mm]", "condition"}, "th");
+  const auto add = [&](const char* name, const ChainPose& p) {
+    text += row({name, fmt::format("{:.3f}", p.rms_mm), fmt::format("{:.3f}", p.held_out_mm),
+                 fmt::format("{:.0f}", p.condition)});
+    for (const std::string& w : p.weak) text += row({"&nbsp;&nbsp;" + escaped(w)});
+  };
+  add("T_D, bow from dental", chain.bow_from_dental);
+  if (chain.has_faces) {
+    add("T_F, bow from face scan (MI)", chain.bow_from_face);
+    add("bow from face scan (TP)", chain.bow_from_face_tp);
+    add("upper face, MI from TP", chain.face_mi_from_face_tp);
+  }
+  return text + "</table><p>A residual is not an accuracy; the bounds above come from the covariances.</p>";
+}
+
+std::string number(const json& j) {
+  if (j.is_number_integer()) return std::to_string(j.get<long long>());
+  if (j.is_number()) return fmt::format("{:.4g}", j.get<double>());
+  return j.is_null() ? "not checked" : escaped(j.is_string() ? j.get<std::string>() : j.dump());
+}
+
+std::string check_section(const CaseResults& r) {
+  const json j = feasibility_json(r.design.feasibility);
+  std::string text = fmt::format("<h2>Can it be realized?</h2><p>{}</p><table>", number(j["verdict"]));
+  text += row({"constraint", "value", "limit", "unit", ""}, "th");
+  for (const json& c : j["constraints"]) {
+    const bool pass = c["pass"].is_boolean() && c["pass"].get<bool>();
+    text += row({number(c["name"]), number(c["value"]), number(c["limit"]), number(c["unit"]),
+                 pass ? "<span class=pass>pass</span>" : number(c["consequence"])});
+  }
+  return text + "</table>";
+}
+
+std::string design_section(const CaseResults& r) {
+  const json& j = *r.design.report;
+  const bool pass = r.design.accepted();
+  std::string text = fmt::format("<h2>Splint</h2><p>Verdict: <span class={}>{}</span></p>",
+                                 pass ? "pass" : "fail", number(j["verdict"]));
+  text += "<table>" + row({"gate", "value", "limit", ""}, "th");
+  for (const json& g : j["gates"]) {
+    const bool ok = g["pass"].get<bool>();
+    text += row({number(g["name"]), number(g["value"]), number(g["limit"]),
+                 fmt::format("<span class={}>{}</span>", ok ? "pass" : "fail", ok ? "pass" : "fail")});
+  }
+  text += "</table>";
+  for (const json& w : j["warnings"]) text += "<p>" + number(w) + "</p>";
+  return text;
+}
+
+Result<std::string> pictures_section(const fs::path& folder) {
+  const std::pair<const char*, const char*> pictures[] = {
+      {"splint_on_maxilla.png", "The splint on the maxilla."},
+      {"splint_cavity.png", "The splint's cavity."},
+      {"jaws_in_tp.png", "With the mandible in the therapeutic position."},
+      {"jaws_in_tp_right.png", "The same from the right."},
+      {"section_molar.png", "Cross-section at the left first molar."},
+      {"section_premolar.png", "Cross-section at the left first premolar."},
+      {"section_incisor.png", "Cross-section at the left central incisor."},
+      {"jaw_path.png", "Path of the lower incisal point."},
+      {"jaw_motion.png", "The same over time."}};
+  std::string text = "<h2>Pictures</h2><div class=pictures>\n";
+  for (const auto& [name, caption] : pictures) {
+    std::error_code ec;
+    if (!fs::exists(folder / "pictures" / name, ec)) continue;  // no splint, no pictures of it
+    GNATHION_TRY(const std::string png, read_file(folder / "pictures" / name));
+    text += fmt::format(
+        "<figure><img alt=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>\n",
+        caption, base64(png), caption);
+  }
+  return text + "</div>";
+}
+
+std::string inputs_section(const CaseResults& r) {
+  std::string text = "<h2>Inputs</h2><table>" + row({"file", "SHA-256"}, "th");
+  for (const json& f : (*r.design.report)["inputs"])
+    text += row({escaped(fs::path(f["path"].get<std::string>()).filename().string()),
+                 "<code>" + number(f["sha256"]) + "</code>"});
+  return text + "</table>";
+}
+
+}  // namespace
+
+Status write_report(const CaseResults& r, const fs::path& folder) {
+  GNATHION_TRY(const std::string pictures, pictures_section(folder));
+  const std::string html = fmt::format(
+      "<!doctype html><html lang=en><meta charset=utf-8><title>Gnathion report</title><style>{}</style>"
+      "<h1>Occlusal positioning splint</h1><p>gnathion {}</p>"
+      "<p class=note>Research use only. This report makes no clinical claim.</p>{}{}{}{}{}{}{}</html>\n",
+      kStyle, kVersion, motion_section(r), design_section(r), pictures, check_section(r),
+      recording_section(r), chain_section(r.chain), inputs_section(r));
+  return write_file(folder / "report.html", html);
+}
+
+}  // namespace gnathion

@@ -1,0 +1,137 @@
+#include "pipeline/run_case.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "acquisition/pose_recording.h"
+#include "core/file.h"
+#include "core/mesh_io.h"
+#include "pipeline/nested_progress.h"
+#include "pipeline/pictures.h"
+#include "pipeline/report.h"
+
+namespace gnathion {
+namespace fs = std::filesystem;
+namespace {
+
+using nlohmann::json;
+
+Status need(const fs::path& path, const CaseFile& files, const char* role) {
+  if (path.empty())
+    return bad_input("cannot run case", files.toml().string(), fmt::format("'{}' is missing", role));
+  return {};
+}
+
+Status track_session_of(const CaseFile& files, const fs::path& out, CaseResults& r, Progress& progress) {
+  GNATHION_CHECK_OK(need(files.rig, files, "rig"));
+  GNATHION_CHECK_OK(need(files.recording, files, "recording"));
+  GNATHION_TRY(const Rig rig, read_rig(files.rig));
+  progress.begin_step("replaying and tracking the recording", 0.25);
+  GNATHION_TRY(r.session, track_recording(files.recording, rig, progress));
+  GNATHION_TRY(const std::string rig_text, read_file(files.rig));
+  return write_poses(out / "motion.mcap", to_pose_recording(r.session), {{"rig.toml", rig_text}});
+}
+
+Status solve_chain_of(const CaseFile& files, const fs::path& out, CaseResults& r, Progress& progress) {
+  GNATHION_CHECK_OK(need(files.mandible_clutch, files, "mandible_clutch"));
+  GNATHION_CHECK_OK(need(files.bow_model, files, "bow"));
+  NestedProgress solving(progress, "registering scans, solving the chain", 0.25);
+  const ChainFiles chain_files{files.mandible_mi, files.mandible_clutch, files.bow_model, files.face_mi,
+                               files.face_tp};
+  GNATHION_TRY(const ChainScans scans, read_chain_scans(chain_files));
+  GNATHION_TRY(r.chain, solve_chain(scans, {}, solving));
+  return write_json(out / "chain.json", chain_json(r.chain));
+}
+
+/// Points of the mandible in MI where errors are told; condyles by Bonwill's triangle, as the check has them.
+Status landmarks_of(const CaseFile& files, CaseResults& r) {
+  GNATHION_TRY(const TriangleMesh maxilla, read_jaw(files.maxilla_mi));
+  GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
+  GNATHION_TRY(const ArchFrame arch, find_arch(maxilla, mandible));
+  const RealizabilityLimits bonwill;
+  const Vector3 behind =
+      arch.incisal_mm - bonwill.condyle_behind_mm * arch.anterior + bonwill.condyle_above_mm * arch.up;
+  r.landmark_names = {"incisal point", "left end of the arch", "right end of the arch",
+                      "left condyle (estimated)", "right condyle (estimated)"};
+  r.landmarks = displacement_bounds(r.therapeutic.therapeutic,
+                                    {arch.incisal_mm, arch.curve_mm.back(), arch.curve_mm.front(),
+                                     behind + bonwill.condyle_half_distance_mm * arch.left,
+                                     behind - bonwill.condyle_half_distance_mm * arch.left});
+  return {};
+}
+
+json estimate_json(const TherapeuticEstimate& e, const json& source) {
+  return motion_json(e.therapeutic.value, e.therapeutic.covariance, source);
+}
+
+/// Both routes, compared and fused; with one route alone, that one.
+Status find_therapeutic(const CaseFile& files, const RunOptions& options, const fs::path& out,
+                        CaseResults& r) {
+  GNATHION_TRY(r.camera, camera_route(r.session, r.chain.bow_from_dental, {}));
+  if (!r.camera.positions.closes() && !options.accept_slip)
+    return fail(ErrorCode::kGate, "MI does not close", files.recording.string(),
+                closure_text(r.camera.positions) + "; --accept-slip goes on");
+  GNATHION_CHECK_OK(
+      write_json(out / "T_th_camera.json", estimate_json(r.camera.estimate, camera_route_source(r.camera))));
+  r.therapeutic = r.camera.estimate;
+  json source = {{"routes", {"camera"}}};
+  if (r.chain.has_faces) {
+    r.faces = therapeutic_from_faces(r.chain);
+    GNATHION_CHECK_OK(
+        write_json(out / "T_th_faces.json", estimate_json(*r.faces, {{"route", "face scans"}})));
+    const Matrix6& shared = r.chain.bow_from_dental.covariance;
+    GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
+    r.comparison = compare_routes(r.camera.estimate, *r.faces, shared, mandible.vertices_mm);
+    r.therapeutic = fuse_routes(r.camera.estimate, *r.faces, shared);
+    source = {{"routes", {"camera", "face scans"}},
+              {"comparison",
+               {{"largest_mm", r.comparison->largest_mm},
+                {"angle_deg", r.comparison->angle_deg},
+                {"mahalanobis", r.comparison->mahalanobis},
+                {"p_value", r.comparison->chi2_p_value},
+                {"consistent", r.comparison->consistent}}}};
+  }
+  return write_json(out / "T_th.json", estimate_json(r.therapeutic, source));
+}
+
+Status write_jaw_motion(const fs::path& out, CaseResults& r) {
+  r.jaw_motion = jaw_motion(r.session, r.camera.positions.head_from_bow_mi.value, r.chain.t_d(),
+                            r.landmarks.front().at_mm);
+  return write_motion_csv(out / "motion.csv", r.jaw_motion);
+}
+
+Status design_of(const CaseFile& files, const RunOptions& options, const fs::path& out, CaseResults& r,
+                 Progress& progress) {
+  NestedProgress designing(progress, "checking, designing, verifying", 0.35);
+  DesignJob job;
+  job.maxilla = files.maxilla_mi;
+  job.mandible = files.mandible_mi;
+  job.transform = out / "T_th.json";
+  job.parameters = options.parameters;
+  GNATHION_TRY(r.design, run_design(job, out, designing));
+  return {};
+}
+
+}  // namespace
+
+Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, Progress& progress) {
+  GNATHION_TRY(StagedDirectory results, StagedDirectory::create(files.folder / "results", options.force));
+  const fs::path out = results.path();
+  CaseResults r;
+  GNATHION_CHECK_OK(track_session_of(files, out, r, progress));
+  GNATHION_CHECK_OK(solve_chain_of(files, out, r, progress));
+  progress.begin_step("T_th by both routes", 0.05);
+  GNATHION_CHECK_OK(find_therapeutic(files, options, out, r));
+  GNATHION_CHECK_OK(landmarks_of(files, r));
+  GNATHION_CHECK_OK(write_jaw_motion(out, r));
+  GNATHION_CHECK_OK(design_of(files, options, out, r, progress));
+  progress.begin_step("drawing the report", 0.10);
+  GNATHION_CHECK_OK(
+      draw_jaw_path(r.jaw_motion, r.landmarks.front().at_mm, r.design.feasibility.arch, out / "pictures"));
+  GNATHION_CHECK_OK(write_report(r, out));
+  GNATHION_CHECK_OK(results.commit());
+  return r;
+}
+
+}  // namespace gnathion

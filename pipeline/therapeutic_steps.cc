@@ -1,0 +1,86 @@
+#include "pipeline/therapeutic_steps.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "core/mesh_io.h"
+
+namespace gnathion {
+namespace {
+
+using nlohmann::json;
+
+json plateau_json(const Plateau& p) {
+  return {{"start_s", p.start_s},
+          {"end_s", p.end_s},
+          {"source", p.source},
+          {"frames", p.frames},
+          {"frames_used", p.frames_used},
+          {"effective_frames", p.effective_frames},
+          {"dispersion_mm", p.dispersion_mm},
+          {"dispersion_deg", p.dispersion_deg}};
+}
+
+}  // namespace
+
+Result<ChainScans> read_chain_scans(const ChainFiles& files) {
+  ChainScans scans;
+  GNATHION_TRY(scans.mandible_mi, read_jaw(files.mandible_mi));
+  GNATHION_TRY(scans.clutch_scan, read_mesh(files.clutch_scan));
+  GNATHION_TRY(scans.bow_model, read_mesh(files.bow_model));
+  if (files.face_mi.empty() != files.face_tp.empty())
+    return fail(ErrorCode::kUsage, "chain of frames",
+                (files.face_mi.empty() ? files.face_tp : files.face_mi).string(),
+                "a face scan in MI and one in TP are needed together");
+  if (!files.face_mi.empty()) {
+    GNATHION_TRY(scans.face_mi, read_mesh(files.face_mi));
+    GNATHION_TRY(scans.face_tp, read_mesh(files.face_tp));
+  }
+  return scans;
+}
+
+Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& bow_from_dental,
+                                 const PlateauOptions& given) {
+  PlateauOptions options = given;
+  // Dispersion and closure are told where they matter: at the teeth, the dental origin seen by the bow.
+  options.point_in_bow_mm = bow_from_dental.value.translation_mm;
+  CameraRoute route;
+  GNATHION_TRY(route.positions, find_jaw_positions(session, options));
+  route.estimate = therapeutic_from_camera(bow_from_dental, route.positions.head_from_bow_mi,
+                                           route.positions.head_from_bow_tp);
+  return route;
+}
+
+json camera_route_source(const CameraRoute& route) {
+  json mi = json::array(), tp = json::array(), closures = json::array();
+  for (const Plateau& p : route.positions.mi) mi.push_back(plateau_json(p));
+  for (const Plateau& p : route.positions.tp) tp.push_back(plateau_json(p));
+  for (const Closure& c : route.positions.closures)
+    closures.push_back({{"first", c.first},
+                        {"second", c.second},
+                        {"distance_mm", c.distance_mm},
+                        {"sigma_mm", c.sigma_mm},
+                        {"angle_deg", c.angle_deg},
+                        {"sigmas", c.sigmas}});
+  return {
+      {"route", "camera"}, {"mi", mi}, {"tp", tp}, {"closures", closures}, {"notes", route.positions.notes}};
+}
+
+std::string closure_text(const JawPositions& positions) {
+  std::string text;
+  for (const Closure& c : positions.closures)
+    if (!c.consistent())
+      text += fmt::format(
+          "{}MI {} and {} are {:.3f} mm and {:.3f} deg apart ({:.1f} sigma): bow or head frame slipped",
+          text.empty() ? "" : "; ", c.first + 1, c.second + 1, c.distance_mm, c.angle_deg, c.sigmas);
+  return text;
+}
+
+std::string motion_text(const Motion<Dental>& motion) {
+  const Vector3& t = motion.rigid.translation_mm;
+  return fmt::format("T_th: rotation {:.3f} deg, the origin moves by ({:.3f}, {:.3f}, {:.3f}) mm\n",
+                     motion.rigid.angle_rad() * 180 / M_PI, t.x(), t.y(), t.z());
+}
+
+}  // namespace gnathion

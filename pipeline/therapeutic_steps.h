@@ -1,0 +1,40 @@
+// From scans and jaw positions to T_th, by each route, compared and fused.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "calibration/chain.h"
+#include "calibration/chain_json.h"
+#include "calibration/composition.h"
+#include "core/progress.h"
+#include "core/result.h"
+#include "core/transform_io.h"
+#include "tracking/plateaus.h"
+
+namespace gnathion {
+
+/// Files of solve_chain's scans; both face scans or none.
+struct ChainFiles {
+  std::filesystem::path mandible_mi, clutch_scan, bow_model, face_mi, face_tp;
+};
+Result<ChainScans> read_chain_scans(const ChainFiles& files);
+
+/// T_th by the camera route.
+struct CameraRoute {
+  JawPositions positions;
+  TherapeuticEstimate estimate;
+};
+Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& bow_from_dental,
+                                 const PlateauOptions& options);
+
+/// "source" of a T_th.json of the camera route: positions, dispersion, closures.
+nlohmann::json camera_route_source(const CameraRoute& route);
+/// Which MI recordings are apart, by how much.
+std::string closure_text(const JawPositions& positions);
+/// A motion for people: rotation angle, and the displacement of the frame's origin.
+std::string motion_text(const Motion<Dental>& motion);
+
+}  // namespace gnathion
