@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <numeric>
 
 #include "core/mesh_edges.h"
@@ -18,7 +17,7 @@ namespace {
 
 using Pair = std::array<std::uint32_t, 2>;
 
-/// Single precision, rounded outwards.
+/// In single precision. Rounding keeps order (a ≤ b rounds to a' ≤ b'), so boxes that meet still meet.
 struct FloatBox {
   std::array<float, 3> low{}, high{};
 
@@ -30,11 +29,9 @@ struct FloatBox {
   }
   void extend(const Vector3& p) {
     for (std::size_t k = 0; k < 3; ++k) {
-      const double value = p[static_cast<int>(k)];
-      const auto rounded = static_cast<float>(value);
-      constexpr float kLarge = std::numeric_limits<float>::infinity();
-      low[k] = std::min(low[k], rounded <= value ? rounded : std::nextafter(rounded, -kLarge));
-      high[k] = std::max(high[k], rounded >= value ? rounded : std::nextafter(rounded, kLarge));
+      const auto rounded = static_cast<float>(p[static_cast<int>(k)]);
+      low[k] = std::min(low[k], rounded);
+      high[k] = std::max(high[k], rounded);
     }
   }
   void extend(const FloatBox& other) {

@@ -157,7 +157,7 @@ std::string format_stl_ascii(const TriangleMesh& mesh) {
   };
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
     out += "facet normal";
-    append_point(face_normal_scaled(mesh, i).stableNormalized().cast<float>().cast<double>());
+    append_point(face_normal_scaled(mesh, i).stableNormalized());
     out += " outer loop\n";
     for (int c = 0; c < 3; ++c) {
       out += "  vertex";

@@ -61,17 +61,21 @@ class MeshQuery {
   /// (Jacobson 2013; Van Oosterom & Strackee 1983): about 1 inside, 0 outside, also on open meshes.
   /// O(triangles).
   double winding_number(const Vector3& p_mm) const;
+  /// winding_number > 0.5: a side for every point, open mesh or closed. O(triangles).
+  bool inside(const Vector3& p_mm) const { return winding_number(p_mm) > 0.5; }
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 
-/// Pairs of triangles of one mesh that cross each other without sharing a vertex, or overlap beyond the
-/// vertex or edge that they share. At most `limit` pairs are returned, sorted.
+/// Pairs of triangles of one mesh that have points in common besides the vertex or edge that they share (by
+/// place). Decided exactly: touching counts, neighbours folded flat onto each other count, triangles without
+/// area never do (triangle_intersection.h has the rule). At most `limit` pairs, sorted: the same ones always,
+/// on any number of threads.
 std::vector<std::array<std::uint32_t, 2>> self_intersections(
     const TriangleMesh& mesh, std::size_t limit = std::numeric_limits<std::size_t>::max());
-/// Triangle pairs (of a, of b) that cross.
+/// Triangle pairs (of a, of b) that have any point in common, under the same rule.
 std::vector<std::array<std::uint32_t, 2>> intersections(
     const TriangleMesh& a, const TriangleMesh& b,
     std::size_t limit = std::numeric_limits<std::size_t>::max());

@@ -113,6 +113,14 @@ TEST(MeshQuery, OpenMeshHasNoSideBeyondItsRim) {
     EXPECT_TRUE(beyond->closest.on_boundary);
     EXPECT_GT(beyond->distance_mm, 0.0);
   }
+  // A bowl: inside() goes on where the sign gives up.
+  TriangleMesh bowl = test::sphere(4, 10.0);
+  std::vector<bool> keep;
+  for (std::size_t i = 0; i < bowl.triangles.size(); ++i) keep.push_back(bowl.corner(i, 0).z() < 5.0);
+  const MeshQuery open(submesh(bowl, keep));
+  EXPECT_TRUE(open.inside({0, 0, 0}));
+  EXPECT_FALSE(open.inside({0, 0, 9}));
+  EXPECT_FALSE(open.inside({0, 0, -11}));
 }
 
 TEST(MeshQuery, UnweldedMeshHasTheSameSigns) {
