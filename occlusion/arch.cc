@@ -16,7 +16,9 @@
 namespace gnathion {
 namespace {
 
-constexpr double kFacingMm = 2.5;  // "closely facing" in MI; coarse scans have edges of 1 mm
+constexpr double kFacingMm = 2.5;              // "closely facing" in MI; coarse scans have edges of 1 mm
+constexpr std::size_t kFacingQueries = 25000;  // vertices of a jaw that are asked; enough for a plane
+constexpr std::size_t kNone = ~std::size_t{0};
 constexpr double kDifferentFramesMm = 3.0;
 constexpr double kCrownSlabMm = 3.0;    // behind the occlusal plane: crowns only, no palate, no base
 constexpr double kBeyondPlaneMm = 2.5;  // cusps and overbite reach past the plane
@@ -40,9 +42,10 @@ std::vector<Vector3> used_vertices(const TriangleMesh& mesh) {
 
 Facing facing_points(const TriangleMesh& mesh, const TriangleMesh& other, double reach_mm) {
   const PointGrid grid(other.vertices_mm, reach_mm);
-  std::vector<std::size_t> partner(mesh.vertices_mm.size());
-  constexpr std::size_t kNone = ~std::size_t{0};
-  tbb::parallel_for(std::size_t{0}, partner.size(), [&](std::size_t i) {
+  const std::size_t stride = mesh.vertices_mm.size() / kFacingQueries + 1;
+  std::vector<std::size_t> partner(mesh.vertices_mm.size(), kNone);
+  tbb::parallel_for(std::size_t{0}, partner.size() / stride, [&](std::size_t k) {
+    const std::size_t i = k * stride;
     partner[i] = grid.nearest(mesh.vertices_mm[i], reach_mm).value_or(kNone);
   });
   const auto normals = vertex_normals(mesh), other_normals = vertex_normals(other);
