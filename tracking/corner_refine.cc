@@ -291,62 +291,69 @@ bool for_strip(const Image8& image, const Side& side, double reach_px, double bl
   return true;
 }
 
-/// One linearisation: the normal matrix, gradient and squared residuals at `x`.
-bool accumulate(const Image8& image, const Side& side, double reach_px, double blur_px, const Vector7& x,
-                Matrix7* n, Vector7* g, double* squares, int* count) {
-  n->setZero();
-  g->setZero();
-  *squares = 0;
-  *count = 0;
-  const double inverse_sigma = 1 / x[2];
+/// A pixel of a strip, with all of it that stays fixed while its edge is fitted.
+struct StripPixel {
+  double grey, v, distance, cell_in, inner_white;
+};
+using Strip = std::vector<StripPixel>;
+
+bool gather(const Image8& image, const Side& side, double reach_px, double blur_px, Strip* strip) {
+  strip->clear();
   const double per_u = side.length_px * kGrid;
-  return for_strip(image, side, reach_px, blur_px, [&](double grey, double u, double d0) {
-    const double v = u - 0.5;
-    const double z = (d0 - x[0] - x[1] * v) * inverse_sigma;
-    const double phi = kNormal.cumulative(z), density = kNormal.density(z);
-    double profile = phi, slope = density, spread = density * z;
-    const double zi = -z - side.cell_in(u) * inverse_sigma;
+  return for_strip(image, side, reach_px, blur_px, [&](double grey, double u, double d) {
+    StripPixel p{grey, u - 0.5, d, side.cell_in(u), 0};
+    const double where = u * per_u;
+    const std::size_t k = static_cast<std::size_t>(where);
+    const double f = where - static_cast<double>(k);
+    p.inner_white = side.inner_white[k] * (1 - f) + side.inner_white[k + 1] * f;
+    strip->push_back(p);
+  });
+}
+
+/// One linearisation at `x`: Σ (J r)ᵀ(J r), that is the normal matrix, the gradient and the squared residuals
+/// at once.
+Matrix8 accumulate(const Strip& strip, const Vector7& x) {
+  Matrix8 sum = Matrix8::Zero();
+  const double inverse_sigma = 1 / x[2];
+  for (const StripPixel& p : strip) {
+    const double z = (p.distance - x[0] - x[1] * p.v) * inverse_sigma;
+    const double density = kNormal.density(z);
+    double profile = kNormal.cumulative(z), slope = density, spread = density * z;
+    const double zi = -z - p.cell_in * inverse_sigma;
     if (zi > -3.5) {
-      const double where = u * per_u;
-      const std::size_t k = static_cast<std::size_t>(where);
-      const double f = where - static_cast<double>(k);
-      const double w = side.inner_white[k] * (1 - f) + side.inner_white[k + 1] * f;
-      const double inner_density = w * kNormal.density(zi);
-      profile += w * kNormal.cumulative(zi);
+      const double inner_density = p.inner_white * kNormal.density(zi);
+      profile += p.inner_white * kNormal.cumulative(zi);
       slope -= inner_density;
       spread += inner_density * zi;
     }
-    const double contrast = x[5] + x[6] * v;
-    const double residual = grey - (x[3] + x[4] * v + contrast * profile);
+    const double contrast = x[5] + x[6] * p.v;
     const double da = -contrast * slope * inverse_sigma;
-    Vector7 j;
-    j << da, da * v, -contrast * spread * inverse_sigma, 1, v, profile, profile * v;
-    n->selfadjointView<Eigen::Lower>().rankUpdate(j);
-    *g += residual * j;
-    *squares += residual * residual;
-    ++*count;
-  });
+    Eigen::Matrix<double, 8, 1> j;
+    j << da, da * p.v, -contrast * spread * inverse_sigma, 1, p.v, profile, profile * p.v,
+        p.grey - (x[3] + x[4] * p.v + contrast * profile);
+    sum.noalias() += j * j.transpose();
+  }
+  return sum;
 }
 
 double reach_of(double blur_px) {
   return std::clamp(2.6 * blur_px + 0.6, 2.2, 7.0);
 }
 
-/// Gauss–Newton over the strip from `fit` on.
-bool fit_edge(const Image8& image, const Side& side, int iterations, EdgeFit* fit) {
-  Matrix7 n;
-  Vector7 g;
-  double squares = 0;
-  int count = 0;
+/// Gauss–Newton over the strip from `fit` on. `strip` is working memory.
+bool fit_edge(const Image8& image, const Side& side, int iterations, Strip* strip, EdgeFit* fit) {
   const double blur_limit = 0.8 * side.least_cell() + 0.4;
-  const double strip_blur = std::min(fit->x[2], blur_limit);  // the set of pixels stays fixed while iterating
-  const double reach = reach_of(strip_blur);
+  const double strip_blur = std::min(fit->x[2], blur_limit);
+  // The set of pixels stays fixed while iterating.
+  if (!gather(image, side, reach_of(strip_blur), strip_blur, strip)) return false;
+  const int count = static_cast<int>(strip->size());
+  if (count < 3 * kParameters) return false;
   for (int i = 0;; ++i) {
-    if (!accumulate(image, side, reach, strip_blur, fit->x, &n, &g, &squares, &count)) return false;
-    if (count < 3 * kParameters) return false;
+    const Matrix8 sum = accumulate(*strip, fit->x);
+    const Matrix7 n = sum.topLeftCorner<7, 7>();
     const Eigen::LDLT<Matrix7, Eigen::Lower> solver(n);
     if (solver.info() != Eigen::Success || !solver.isPositive()) return false;
-    Vector7 step = solver.solve(g);
+    Vector7 step = solver.solve(sum.topRightCorner<7, 1>());
     if (!step.allFinite()) return false;
     const double longest = std::max(std::abs(step[0]), 0.5 * std::abs(step[1]));
     if (longest > 1.0) step *= 1.0 / longest;
@@ -355,7 +362,7 @@ bool fit_edge(const Image8& image, const Side& side, int iterations, EdgeFit* fi
     fit->x[2] = std::clamp(fit->x[2], 0.25, std::max(blur_limit, 0.6));
     const bool settled = longest < 2e-3;
     if (settled || i + 1 >= iterations) {
-      const double variance = squares / (count - kParameters);
+      const double variance = sum(7, 7) / (count - kParameters);
       fit->noise_grey = std::sqrt(variance);
       fit->covariance = variance * solver.solve(Matrix7::Identity()).topLeftCorner<2, 2>();
       return true;
@@ -490,6 +497,7 @@ std::optional<RefinedCorners> refine_corners(const Image8& image, const CameraMo
   std::array<Side, 4> sides;
   std::array<EdgeFit, 4> fits;
   RefinedCorners result;
+  Strip strip;
   for (int pass = 0; pass < 2; ++pass) {  // the second pass cuts its strips where the first found the edges
     Matrix3 h;
     if (!make_sides(camera, family, *corners, &h, &sides)) return std::nullopt;
@@ -500,7 +508,7 @@ std::optional<RefinedCorners> refine_corners(const Image8& image, const CameraMo
       side.inner_white = inner_row(side, h, family, id, k, fit.x[2]);
       if (pass == 0) start_levels(image, side, &fit);
       fit.x[0] = fit.x[1] = 0;
-      if (!fit_edge(image, side, pass == 0 ? 4 : 8, &fit)) return std::nullopt;
+      if (!fit_edge(image, side, pass == 0 ? 4 : 8, &strip, &fit)) return std::nullopt;
       if (pass == 1 && !plausible(side, fit)) return std::nullopt;
     }
     corners = crossings(sides, fits, pass == 1 ? &result.covariance_px2 : nullptr);

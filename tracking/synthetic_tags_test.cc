@@ -77,7 +77,10 @@ Image8 render_tags(const CameraModel& camera, const TagFamily& family, const std
     }
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
-        const double tx = 4 * (x + 0.5) / s, ty = 4 * (y + 0.5) / s;
+        // Samples are shifted within their cells, row by row and column by column, so that an edge along the
+        // grid does not fall between all samples of a row at once.
+        const double jitter_x = std::fmod(0.6180339887 * y, 1.0), jitter_y = std::fmod(0.6180339887 * x, 1.0);
+        const double tx = 4 * (x + jitter_x) / s, ty = 4 * (y + jitter_y) / s;
         const int ix = static_cast<int>(tx), iy = static_cast<int>(ty);
         const Eigen::Vector2d* cell = &table[static_cast<std::size_t>(iy * table_w + ix)];
         const Eigen::Vector2d ray =
