@@ -16,7 +16,7 @@ namespace gnathion {
 namespace {
 
 constexpr double kStepMm = 0.275;
-constexpr double kGumBlendMm = 0.12;  ///< rounding where gingiva and crowns meet
+constexpr double kGumBlendMm = 0.22;  ///< rounding where gingiva and crowns meet
 
 /// Highest point of the incisal edge over the crown's middle.
 Vector3 incisal_edge(const PlacedTooth& t) {

@@ -12,7 +12,7 @@ constexpr double kDegree = M_PI / 180.0;
 constexpr double kContactOverlapMm = 0.05;  ///< neighbours are pressed together by this much
 
 /// Rounding in the crevice between two neighbours: what is narrower than half of it, no scanner resolves.
-constexpr double kCreviceBlendMm = 0.45;
+constexpr double kCreviceBlendMm = 0.45, kCreviceBlendBackMm = 0.65;
 
 /// Inclination of a crown: its occlusal end outward (torque) and mesially (tip), degrees, numbers 1..7.
 /// After Andrews' keys, told for the crown's axis instead of its facial face.
@@ -264,10 +264,10 @@ double DentalArch::crowns_mm(const Vector3& p) const {
   double nearest = 1e9;
   for (const PlacedTooth& t : teeth) {
     const double bound = (p - t.centre_mm()).norm() - t.radius_mm();
-    if (bound > 2.0) {
+    if (bound > 1.5) {
       nearest = std::min(nearest, bound);
     } else {
-      nearest = smooth_min(nearest, t.distance_mm(p), kCreviceBlendMm);
+      nearest = smooth_min(nearest, t.distance_mm(p), t.posterior() ? kCreviceBlendBackMm : kCreviceBlendMm);
     }
   }
   return nearest;

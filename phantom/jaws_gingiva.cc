@@ -26,7 +26,14 @@ Gingiva::Gingiva(const DentalArch& arch, std::uint64_t seed) : arch_(&arch), rid
     papilla.along = b.centre_mm() - a.centre_mm();
     papilla.along = (papilla.along - papilla.apical * papilla.apical.dot(papilla.along)).normalized();
     papilla.across = papilla.apical.cross(papilla.along);
-    papilla.tip_mm = contact_point_mm(a, b) + (front ? 0.9 : 0.6) * papilla.apical;
+    // The tip lies just under the contact, but no papilla covers more than half of a crown.
+    const Vector3 contact = contact_point_mm(a, b);
+    const auto height = [&](const PlacedTooth& t) {
+      return t.to_tooth(contact).z() / t.crown.form().height_mm;
+    };
+    const double excess =
+        std::max(0.0, 0.5 * (height(a) + height(b)) - (arch.upper ? 0.52 : 0.6)) * a.crown.form().height_mm;
+    papilla.tip_mm = contact + std::max(front ? 0.9 : 0.6, excess) * papilla.apical;
     const auto half = [](const PlacedTooth& t) {
       return 0.5 * (t.crown.form().buccal_mm[1] - t.crown.form().lingual_mm[1]);
     };
@@ -51,10 +58,12 @@ double Gingiva::collars_mm(const Vector3& p) const {
   double collar = 1e9;
   for (const PlacedTooth& t : arch_->teeth) {
     const Vector3 q = t.to_tooth(p);
-    if (q.head<2>().squaredNorm() > 81.0) continue;
+    const double far = t.crown.reach_mm() + 2.5;
+    if (q.head<2>().squaredNorm() > far * far) continue;
     const double x = t.crown.margin_mm(q) - q.z();  // depth under the margin
     if (x < -3.0) continue;
-    const double thickness = x > 0.0 ? 0.5 * (1.0 - std::exp(-x / 0.4)) + 0.06 * std::min(x, 5.0) : 1.3 * x;
+    const double thickness =
+        x > 0.0 ? 0.5 * (1.0 - std::exp(-x / 0.4)) + 0.06 * std::min(x, 5.0) : 1.3 * x - x * x;
     collar = smooth_min(collar, (t.crown.body_distance_mm(q) - thickness) / 1.2, 0.8);
   }
   return collar;

@@ -44,7 +44,7 @@ Palate::Palate(const AlveolarRidge& ridge, Random& random) : front_y_mm_(ridge.f
       const double front = 1.0 - smooth_step(4.0, 24.0, p.y() - front_y_mm_);
       const double reach = 6.4 + 3.4 * front;
       const double t = std::max(inward + 0.5, 0.0) / reach;
-      double height = margin + 0.8 + rise * (1.0 - std::exp(-std::pow(t, 1.45)));
+      double height = margin + 0.8 + 2.4 * l.at.toothless + rise * (1.0 - std::exp(-std::pow(t, 1.45)));
       if (inward < 0.0) height += std::min(1.2 * inward * inward, 60.0);
       const std::size_t i = static_cast<std::size_t>(y) * nx_ + x;
       vault_[i] = height;

@@ -92,27 +92,50 @@ int corner_mask(const Grid& g, int x, int y, int z) {
   return mask;
 }
 
-/// Fills crevices narrower than the grid until every cell is passed in one sheet; then the surface net is a
-/// manifold.
-void make_simple(Grid& g, const std::array<bool, 256>& simple) {
-  for (int round = 0; round < 20; ++round) {
-    std::vector<std::array<int, 3>> bad;
-    for (int z = 0; z + 1 < g.nz; ++z) {
-      for (int y = 0; y + 1 < g.ny; ++y) {
-        for (int x = 0; x + 1 < g.nx; ++x) {
-          if (!simple[corner_mask(g, x, y, z)]) bad.push_back({x, y, z});
-        }
+using Cells = std::vector<std::array<int, 3>>;
+
+/// The cells that the surface does not pass in one sheet.
+Cells cells_to_mend(const Grid& g, const std::array<bool, 256>& simple) {
+  std::vector<Cells> by_slice(g.nz - 1);
+  tbb::parallel_for(0, g.nz - 1, [&](int z) {
+    for (int y = 0; y + 1 < g.ny; ++y) {
+      for (int x = 0; x + 1 < g.nx; ++x) {
+        if (!simple[corner_mask(g, x, y, z)]) by_slice[z].push_back({x, y, z});
       }
     }
-    if (bad.empty()) return;
-    for (const auto& [x, y, z] : bad) {
-      if (simple[corner_mask(g, x, y, z)]) continue;
-      float* nearest = nullptr;
-      for (int c = 0; c < 8; ++c) {
-        float& v = g.value[g.at(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2 & 1))];
-        if (v >= 0.0f && (nearest == nullptr || v < *nearest)) nearest = &v;
-      }
-      *nearest = static_cast<float>(-0.05 * g.step_mm);
+  });
+  Cells cells;
+  for (const Cells& c : by_slice) cells.insert(cells.end(), c.begin(), c.end());
+  return cells;
+}
+
+/// Fills crevices narrower than the grid until every cell is passed in one sheet; then the surface net is a
+/// manifold. Each filling may disturb the cells around it, which are looked at again; the number of samples
+/// outside falls with each, so this ends.
+void make_simple(Grid& g, const std::array<bool, 256>& simple) {
+  Cells open = cells_to_mend(g, simple);
+  while (!open.empty()) {
+    const auto [x, y, z] = open.back();
+    if (simple[corner_mask(g, x, y, z)]) {
+      open.pop_back();
+      continue;
+    }
+    std::array<int, 3> nearest{};
+    float least = 1e9f;
+    for (int c = 0; c < 8; ++c) {
+      const std::array<int, 3> at = {x + (c & 1), y + (c >> 1 & 1), z + (c >> 2 & 1)};
+      const float v = g.value[g.at(at[0], at[1], at[2])];
+      if (v < 0.0f || v >= least) continue;
+      least = v;
+      nearest = at;
+    }
+    g.value[g.at(nearest[0], nearest[1], nearest[2])] = static_cast<float>(-0.05 * g.step_mm);
+    for (int c = 0; c < 8; ++c) {
+      const std::array<int, 3> cell = {nearest[0] - (c & 1), nearest[1] - (c >> 1 & 1),
+                                       nearest[2] - (c >> 2 & 1)};
+      if (cell[0] < 0 || cell[1] < 0 || cell[2] < 0) continue;
+      if (cell[0] + 1 >= g.nx || cell[1] + 1 >= g.ny || cell[2] + 1 >= g.nz) continue;
+      open.push_back(cell);
     }
   }
 }

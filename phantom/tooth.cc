@@ -38,7 +38,8 @@ double distance_to_segment(double u, double v, double au, double av, double bu, 
   const double du = bu - au, dv = bv - av;
   const double l2 = std::max(du * du + dv * dv, 1e-9);
   *t = std::clamp(((u - au) * du + (v - av) * dv) / l2, 0.0, 1.0);
-  return std::hypot(u - au - *t * du, v - av - *t * dv);
+  const double x = u - au - *t * du, y = v - av - *t * dv;
+  return std::sqrt(x * x + y * y);
 }
 
 }  // namespace
@@ -48,6 +49,7 @@ Crown::Crown(ToothForm form) : form_(std::move(form)) {
   for (const CrownProfile* p : {&form_.mesial_mm, &form_.distal_mm, &form_.buccal_mm, &form_.lingual_mm}) {
     for (const double x : *p) reach = std::max(reach, std::abs(x));
   }
+  reach_mm_ = 1.25 * reach;
   radius_mm_ = std::hypot(1.25 * reach, 0.5 * form_.height_mm + 0.8);
 }
 
@@ -72,17 +74,20 @@ double Crown::body_distance_mm(const Vector3& p) const {
   const double half = std::max(0.5 * (buccal - lingual), 0.12);
   const double cv = (v - 0.5 * (buccal + lingual)) / half;
   const double width =
-      std::max(0.5 * (m + d), 0.3) * (1.0 - form_.lingual_taper * 0.5 * (1.0 - std::clamp(cv, -1.3, 1.3)));
+      std::max(0.5 * (m + d), 0.3) * (1.0 - form_.lingual_taper * 0.5 * (0.3 - std::clamp(cv, -1.3, 1.3)));
   const double cu = (u + form_.skew * p.y() - 0.5 * (m - d)) / width;
   const double n =
       form_.squareness_cervix + (form_.squareness_top - form_.squareness_cervix) * smooth_step(0.1, 0.8, t);
   const double au = std::abs(cu), av = std::abs(cv);
   const double big = std::max(au, av);
   if (big < 1e-6) return -std::min(width, half);
-  const double sum = std::pow(au / big, n) + std::pow(av / big, n);
-  const double g = big * std::pow(sum, 1.0 / n);
-  const double gu = std::pow(au / g, n - 1.0) / width, gv = std::pow(av / g, n - 1.0) / half;
-  double distance = (g - 1.0) / std::hypot(gu, gv);
+  // First-order distance (g − 1)/|∇g| of the superellipse g = (auⁿ + avⁿ)^(1/n), with two powers only.
+  const double small = std::min(au, av) / big;
+  const double power = small > 1e-9 ? std::pow(small, n) : 0.0;
+  const double root = std::pow(1.0 + power, 1.0 / n);
+  const double g_big = root / (1.0 + power), g_small = small > 1e-9 ? g_big * power / small : 0.0;
+  const double gu = (au >= av ? g_big : g_small) / width, gv = (au >= av ? g_small : g_big) / half;
+  double distance = (big * root - 1.0) / std::sqrt(gu * gu + gv * gv);
   for (const FaceGroove& groove : form_.face_grooves) {
     if ((cv > 0.0) != groove.buccal) continue;
     const double s = (u - groove.u_mm) / groove.width_mm;
@@ -134,6 +139,7 @@ double Crown::relief_mm(double u, double v) const {
 
 double Crown::distance_mm(const Vector3& p) const {
   const double body = body_distance_mm(p);
+  if (body > 1.5) return body;  // the relief can only add to it
   // 1.15: the mean inclination of the relief, so that both parts weigh alike in the rounding.
   const double top = (p.z() - relief_mm(p.x(), p.y())) / 1.15;
   return smooth_max(body, top, form_.edge_round_mm);

@@ -57,7 +57,7 @@ struct ToothForm {
   /// lingual faces lie (v).
   CrownProfile mesial_mm{}, distal_mm{}, buccal_mm{}, lingual_mm{};
   double squareness_cervix = 2.3, squareness_top = 2.8;  ///< exponents of the superelliptic outline
-  double lingual_taper = 0.0;  ///< part of the width that is lost from the buccal to the lingual face
+  double lingual_taper = 0.0;  ///< how much narrower the lingual face is than the buccal one
   double skew = 0.0;           ///< shear of u by v: rhomboid molars
   double bend_per_mm = 0.0;    ///< how far the face curves back to the lingual, times u²
   double edge_round_mm = 0.6;  ///< rounding between body and relief
@@ -113,12 +113,14 @@ class Crown {
   Vector3 surface_from_above_mm(double u_mm, double v_mm) const;
   /// A bound: the crown's occlusal part lies within this of its centre (0, 0, height/2).
   double radius_mm() const { return radius_mm_; }
+  /// A bound: no part of the body is farther than this from the axis.
+  double reach_mm() const { return reach_mm_; }
 
  private:
   double edge_mm(double u_mm) const;
   double lingual_face_mm(double u_mm, double t) const;
   ToothForm form_;
-  double radius_mm_ = 0.0;
+  double radius_mm_ = 0.0, reach_mm_ = 0.0;
 };
 
 /// Smooth maximum and minimum (quadratic, width k): exact where the two differ by more than k.

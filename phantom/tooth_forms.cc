@@ -24,7 +24,7 @@ ToothForm upper_central() {
   ToothForm f;
   f.tooth_class = ToothClass::kIncisor;
   f.height_mm = 10.6;
-  f.mesial_mm = {3.15, 3.6, 3.9, 4.1, 4.25, 4.3, 4.15};
+  f.mesial_mm = {3.15, 3.7, 4.02, 4.2, 4.29, 4.3, 4.12};
   f.distal_mm = {3.05, 3.55, 3.95, 4.2, 4.3, 4.2, 3.75};
   f.buccal_mm = {3.0, 3.5, 3.42, 3.1, 2.6, 1.95, 1.15};
   f.lingual_mm = {-2.9, -3.4, -2.75, -1.7, -0.95, -0.4, 0.05};
@@ -35,7 +35,7 @@ ToothForm upper_central() {
   f.edge_round_mm = 0.5;
   f.edge_distal_slope = 0.05;
   f.edge_mesial_slope = 0.01;
-  f.corner_mesial_mm = 0.45;
+  f.corner_mesial_mm = 0.6;
   f.corner_distal_mm = 1.1;
   f.mamelon_mm = 0.03;
   f.fossa_depth_mm = 0.85;
@@ -153,7 +153,7 @@ ToothForm upper_molar(bool first) {
   ToothForm f;
   f.tooth_class = ToothClass::kMolar;
   f.height_mm = first ? 7.6 : 7.2;
-  const double h = f.height_mm, s = first ? 1.0 : 0.92;
+  const double h = f.height_mm, s = first ? 1.0 : 0.88;
   f.mesial_mm = times(5.2 * s, {0.75, 0.84, 0.92, 0.98, 1.0, 0.96, 0.87});
   f.distal_mm = times(5.2 * s, {0.75, 0.85, 0.94, 0.99, 1.0, 0.94, 0.84});
   f.buccal_mm = times(first ? 1.0 : 0.98, {4.75, 5.35, 5.45, 5.25, 4.9, 4.35, 3.6});
@@ -212,8 +212,8 @@ ToothForm lower_incisor(bool central) {
   f.tooth_class = ToothClass::kIncisor;
   f.height_mm = central ? 9.0 : 9.2;
   const double s = central ? 1.0 : 1.09;
-  f.mesial_mm = times(s, {1.7, 1.95, 2.15, 2.35, 2.5, 2.62, 2.62});
-  f.distal_mm = times(s, {1.65, 1.95, 2.18, 2.38, 2.55, 2.64, central ? 2.6 : 2.5});
+  f.mesial_mm = times(s, {1.7, 2.0, 2.26, 2.46, 2.57, 2.62, 2.6});
+  f.distal_mm = times(s, {1.65, 2.0, 2.28, 2.48, 2.59, 2.64, central ? 2.6 : 2.5});
   f.buccal_mm = {2.45, 2.85, 2.75, 2.4, 2.0, 1.5, 0.9};
   f.lingual_mm = {-2.6, -2.95, -2.55, -1.75, -1.05, -0.5, -0.05};
   f.squareness_cervix = 2.1;
