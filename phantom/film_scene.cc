@@ -33,6 +33,8 @@ TriangleMesh coarsened(const TriangleMesh& mesh, double cell_mm) {
   return coarse;
 }
 
+constexpr double kBodyCellMm = 1.0;
+
 TriangleMesh painted(TriangleMesh mesh, std::uint8_t grey) {
   mesh.colors_rgb.assign(mesh.vertices_mm.size(), {grey, grey, grey});
   return mesh;
@@ -46,9 +48,35 @@ TriangleMesh visible_jaw(const TriangleMesh& jaw, const std::vector<std::uint8_t
     is_crown.push_back(fdi[t[0]] != 0);
     is_gum.push_back(!is_crown.back());
   }
-  constexpr double kCellMm = 0.9;
+  constexpr double kCellMm = 1.2;
   return merged(painted(coarsened(submesh(jaw, is_crown), kCellMm), 205),
                 painted(coarsened(submesh(jaw, is_gum), kCellMm), 120));
+}
+
+/// Outward ellipsoid with half axes `radii_mm`.
+TriangleMesh ellipsoid(const Vector3& centre_mm, const Vector3& radii_mm) {
+  constexpr std::uint32_t kRings = 48, kSides = 72;
+  TriangleMesh mesh;
+  for (std::uint32_t r = 0; r <= kRings; ++r)
+    for (std::uint32_t s = 0; s < kSides; ++s) {
+      const double polar = M_PI * r / kRings, around = 2 * M_PI * s / kSides;
+      const Vector3 unit(std::sin(polar) * std::cos(around), std::sin(polar) * std::sin(around),
+                         std::cos(polar));
+      mesh.vertices_mm.push_back(centre_mm + radii_mm.cwiseProduct(unit));
+    }
+  for (std::uint32_t r = 0; r < kRings; ++r)
+    for (std::uint32_t s = 0; s < kSides; ++s) {
+      const std::uint32_t a = r * kSides + s, b = r * kSides + (s + 1) % kSides;
+      mesh.triangles.push_back({a, a + kSides, b + kSides});
+      mesh.triangles.push_back({a, b + kSides, b});
+    }
+  return mesh;
+}
+
+/// What stands behind the open mouth in a picture: throat, neck and shoulders, far behind the teeth.
+TriangleMesh throat_and_shoulders() {
+  return merged(painted(ellipsoid({0, 152, -70}, {60, 62, 210}), 85),
+                painted(ellipsoid({0, 160, -250}, {215, 105, 130}), 110));
 }
 
 }  // namespace
@@ -65,11 +93,12 @@ FilmScene film_scene(const PhantomPatient& patient) {
   scene.condyle_right_mm = jaws.landmarks.condyle_right_mm;
   scene.incisal_point_mm = jaws.landmarks.lower_incisal_point_mm;
   scene.bow_surface =
-      merged(painted(coarsened(patient.bow.surface, 0.8), 90),
+      merged(painted(coarsened(patient.bow.surface, kBodyCellMm), 90),
              transformed(patient.bow_from_dental.rigid, visible_jaw(jaws.mandible_mi, jaws.mandible_fdi)));
   const TriangleMesh head =
-      merged(painted(coarsened(patient.face, 1.0), 165), visible_jaw(jaws.maxilla, jaws.maxilla_fdi));
-  scene.head_surface = merged(painted(coarsened(patient.head_frame.surface, 0.8), 90),
+      merged(painted(coarsened(patient.face, 1.3), 165),
+             merged(visible_jaw(jaws.maxilla, jaws.maxilla_fdi), throat_and_shoulders()));
+  scene.head_surface = merged(painted(coarsened(patient.head_frame.surface, kBodyCellMm), 90),
                               transformed(patient.head_from_dental.rigid, head));
   return scene;
 }

@@ -51,7 +51,8 @@ Vector3 lamp();
 struct Surface {
   TriangleMesh mesh;
   std::vector<float> albedo;             ///< per triangle, 0..1
-  std::vector<Eigen::Vector3f> normals;  ///< per triangle, unit
+  std::vector<Eigen::Vector3f> normals;  ///< per triangle, unit; zero for degenerate ones
+  std::vector<float> offsets_mm;         ///< per triangle, of its plane from the origin along the normal
   Surface(TriangleMesh mesh, double uniform_albedo);
 };
 

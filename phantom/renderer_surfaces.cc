@@ -12,8 +12,11 @@ Vector3 lamp() {
 Surface::Surface(TriangleMesh surface, double uniform_albedo) : mesh(std::move(surface)) {
   const std::size_t count = mesh.triangles.size();
   albedo.assign(count, static_cast<float>(uniform_albedo));
-  normals.reserve(count);
-  for (const Vector3& n : face_normals(mesh)) normals.push_back(n.cast<float>());
+  const std::vector<Vector3> unit = face_normals(mesh);
+  for (std::size_t t = 0; t < count; ++t) {
+    normals.push_back(unit[t].cast<float>());
+    offsets_mm.push_back(static_cast<float>(unit[t].dot(mesh.corner(t, 0))));
+  }
   if (mesh.colors_rgb.size() != mesh.vertices_mm.size()) return;
   for (std::size_t t = 0; t < count; ++t) {
     double grey = 0;  // Rec. 601 luma
@@ -101,9 +104,9 @@ void draw_surface(const Surface& surface, const Rigid3& camera_from_body, const 
   const Eigen::Vector3f eye = body_from_camera.translation_mm.cast<float>();
   const Eigen::Vector3f to_lamp = (body_from_camera.rotation * lamp()).cast<float>();
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const auto [i, j, k] = mesh.triangles[t];
     const Eigen::Vector3f& normal = surface.normals[t];
-    if (normal.dot(eye - mesh.vertices_mm[i].cast<float>()) <= 0) continue;  // turned away
+    if (normal.dot(eye) <= surface.offsets_mm[t]) continue;  // turned away
+    const auto [i, j, k] = mesh.triangles[t];
     const ScreenVertex &a = screen[i], &b = screen[j], &c = screen[k];
     if (a.inverse_depth == 0 || b.inverse_depth == 0 || c.inverse_depth == 0) continue;
     const float lambert = std::max(0.0f, normal.dot(to_lamp));
