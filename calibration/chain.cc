@@ -22,6 +22,7 @@ constexpr double kScanNoise_mm = 0.03;  // of two scans against each other
 constexpr double kOnBow_mm = 1.0;       // a face scan's surface this near to the found bow is the bow's
 constexpr double kOffBow_mm = 4.0;      // and beyond this it is not
 constexpr double kRigidHead_mm = 0.04;  // soft tissue that shifts more is not head
+constexpr double kSkinPatch_mm = 0.02;  // Tukey scale of a skin patch's mean: beyond 0.1 mm it has shifted
 constexpr std::size_t kPointsPerTerm = 6000;
 
 /// A scan with its distance queries and the centre about which its scale error acts.
@@ -186,6 +187,12 @@ Status add_head(const ChainScans& scans, const Scan& face_mi, const Scan& face_t
   };
   add_frame(face_mi, kHeadMi, "head frame in face scan in MI");
   add_frame(face_tp, kHeadTp, "head frame in face scan in TP");
+  // The skin lengthens the lever towards the teeth, as far as it moved with the frame.
+  skin.left = kHeadMi;
+  skin.right = kHeadTp;
+  skin.scale_cap_mm = 1e9;
+  skin.patch_scale_mm = kSkinPatch_mm;
+  terms.push_back(std::move(skin));
   return {};
 }
 

@@ -4,7 +4,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
 
 #include "calibration/se3_manifold.h"
 
@@ -77,11 +79,46 @@ class TermCost final : public ceres::CostFunction {
   std::vector<const PlanePair*> used_;
 };
 
+/// Mean residuals of the term's pairs by patches, and what weight a patch has.
+class PatchWeights {
+ public:
+  PatchWeights(const std::vector<PlanePair>& pairs, const Rigid3& x, double scale_mm) : scale_mm_(scale_mm) {
+    for (const PlanePair& p : pairs) {
+      Patch& patch = patches_[key(p)];
+      patch.sum += p.weight * p.residual_mm(x);
+      patch.weight += p.weight;
+    }
+  }
+  void apply(std::vector<PlanePair>& pairs) const {
+    constexpr double kTukey = 4.685;
+    for (PlanePair& p : pairs) {
+      const auto found = patches_.find(key(p));
+      const bool known = found != patches_.end() && found->second.weight > 0.0;
+      const double u = known ? found->second.sum / found->second.weight / (kTukey * scale_mm_) : 1.0;
+      p.weight *= std::abs(u) < 1.0 ? (1.0 - u * u) * (1.0 - u * u) : 0.0;
+    }
+  }
+
+ private:
+  struct Patch {
+    double sum = 0.0, weight = 0.0;
+  };
+  using Key = std::array<long, 3>;
+  static Key key(const PlanePair& p) {
+    constexpr double kPatch_mm = 10.0;
+    return {std::lround(p.target_mm.x() / kPatch_mm), std::lround(p.target_mm.y() / kPatch_mm),
+            std::lround(p.target_mm.z() / kPatch_mm)};
+  }
+  double scale_mm_;
+  std::map<Key, Patch> patches_;
+};
+
 void associate_term(SurfaceTerm& term, const std::vector<Rigid3>& poses) {
   const Rigid3 x = pose_of(term, poses);
-  term.pairs = associate(term.fitted, *term.surface, term.keep, x, {term.gate_mm, 0.6});
+  term.pairs = associate(term.fitted, *term.surface, term.keep, x, {term.gate_mm, term.min_normal_cosine});
   term.scale_mm = std::min(term.scale_cap_mm, robust_scale_mm(term.pairs, x, term.noise_floor_mm));
   weigh(term.pairs, x, term.scale_mm);
+  if (term.patch_scale_mm > 0.0) PatchWeights(term.pairs, x, term.patch_scale_mm).apply(term.pairs);
 }
 
 struct Parameters {
@@ -200,8 +237,13 @@ double largest_move_mm(const SurfaceTerm& term, const Rigid3& before, const Rigi
 void describe(SurfaceTerm& term, const std::vector<Rigid3>& poses) {
   const Rigid3 x = pose_of(term, poses);
   term.rms_mm = weighted_rms_mm(term.pairs, x);
-  std::vector<PlanePair> unseen = associate(term.held_out, *term.surface, term.keep, x, {term.gate_mm, 0.6});
+  // Patches are judged by the fitted points alone.
+  std::vector<PlanePair> judges = term.pairs;
+  weigh(judges, x, term.scale_mm);
+  std::vector<PlanePair> unseen =
+      associate(term.held_out, *term.surface, term.keep, x, {term.gate_mm, term.min_normal_cosine});
   weigh(unseen, x, term.scale_mm);
+  if (term.patch_scale_mm > 0.0) PatchWeights(judges, x, term.patch_scale_mm).apply(unseen);
   term.held_out_mm = weighted_rms_mm(unseen, x);
   term.noise = estimate_noise(term.pairs, x);
 }
