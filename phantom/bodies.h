@@ -18,7 +18,7 @@ struct PhantomBody {
 
 /// Side of a tag's black square, and of the flat white front of its plate.
 inline constexpr double kTagSide_mm = 20.0;
-inline constexpr double kPlateSide_mm = 28.0;
+inline constexpr double kPlateSide_mm = 29.0;
 inline constexpr double kPlateThickness_mm = 2.5;
 
 /// A plate that carries one tag. `facing` maps plate coordinates (x to the viewer's right, y up, z

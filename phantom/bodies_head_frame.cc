@@ -20,17 +20,17 @@ constexpr double kPadGap_mm = 0.2;         ///< between pads and skin
 
 /// Ten plates: a row before the upper forehead and a lower one beside the eyes, looking down to the camera.
 std::vector<TagPlate> head_plates() {
-  constexpr std::array<double, 6> x = {-79, -48, -16, 16, 48, 80}, y = {-6, -33, -26, -42, -22, -13};
-  constexpr std::array<double, 6> z = {110, 115, 112, 116, 111, 114};
+  constexpr std::array<double, 6> x = {-81, -48, -16, 16, 48, 81}, y = {-14, -30, -37, -44, -29, -16};
+  constexpr std::array<double, 6> z = {111, 115, 114, 116, 114, 114};
   constexpr std::array<double, 6> yaw = {-12, 13, -11, 14, -12, 12}, pitch = {-20, 2, -22, -2, -18, 0};
   std::vector<TagPlate> plates;
   for (std::size_t n = 0; n < 6; ++n)
     plates.push_back(tag_plate(static_cast<int>(20 + n), {x[n], y[n], z[n]}, yaw[n], pitch[n],
                                5.0 - 2.0 * static_cast<int>(n)));
-  plates.push_back(tag_plate(26, {-73, -12, 76}, 15, -2, -4));
-  plates.push_back(tag_plate(27, {-107, 4, 79}, -10, -18, 3));
-  plates.push_back(tag_plate(28, {74, -4, 77}, -13, -20, 6));
-  plates.push_back(tag_plate(29, {108, 9, 81}, 12, 0, -5));
+  plates.push_back(tag_plate(26, {-73, -7, 76}, 15, -2, -4));
+  plates.push_back(tag_plate(27, {-110, -3, 79}, -10, -18, 3));
+  plates.push_back(tag_plate(28, {74, -3, 77}, -13, -20, 6));
+  plates.push_back(tag_plate(29, {110, 5, 81}, 12, 0, -5));
   return plates;
 }
 

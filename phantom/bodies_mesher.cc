@@ -113,65 +113,114 @@ struct CellSurface {
   std::uint32_t first_vertex = 0;
 };
 
-/// Joins crossings that share a face of the cell: `root` is a forest over the edges. On a face with four
-/// crossings the negative corners are cut off from each other, by which both cells of the face decide alike.
-void join_crossings(const std::array<double, 8>& value, std::array<int, 12>& root) {
-  const auto find_root = [&](int e) {
-    while (root[e] != e) e = root[e];
-    return e;
-  };
-  for (const auto& face : kFaceCorners) {
-    std::array<int, 4> crossed;
-    int count = 0;
-    for (int c = 0; c < 4; ++c)
-      if ((value[face[c]] < 0) != (value[face[(c + 1) % 4]] < 0))
-        crossed[count++] = edge_between(face[c], face[(c + 1) % 4]);
-    if (count == 2) root[find_root(crossed[0])] = find_root(crossed[1]);
-    if (count != 4) continue;
+/// A face between two cells: the key of the cell above it, times 4, plus the axis across it.
+using FaceId = std::uint64_t;
+
+FaceId face_id(const std::array<int, 3>& cell, int face) {
+  std::array<int, 3> above = cell;
+  above[face / 2] += face % 2;
+  return key_of(above[0], above[1], above[2]) * 4 + static_cast<FaceId>(face / 2);
+}
+
+int root_of(const std::array<int, 12>& root, int e) {
+  while (root[e] != e) e = root[e];
+  return e;
+}
+
+bool is_ambiguous(const std::array<double, 8>& value, const std::array<int, 4>& face) {
+  return (value[face[0]] < 0) == (value[face[2]] < 0) && (value[face[1]] < 0) == (value[face[3]] < 0) &&
+         (value[face[0]] < 0) != (value[face[1]] < 0);
+}
+
+/// Joins crossings that share a face of the cell: `root` is a forest over the edges. On an ambiguous face
+/// (four crossings) the negative corners are cut off from each other, on flipped ones the positive corners;
+/// both cells of a face decide alike.
+void join_crossings(const std::array<double, 8>& value, const std::array<bool, 6>& flipped,
+                    std::array<int, 12>& root) {
+  for (int f = 0; f < 6; ++f) {
+    const auto& face = kFaceCorners[f];
+    std::array<int, 4> edge;
+    for (int c = 0; c < 4; ++c) edge[c] = edge_between(face[c], face[(c + 1) % 4]);
+    if (is_ambiguous(value, face)) {
+      for (int c = 0; c < 4; ++c)
+        if ((value[face[c]] < 0) != flipped[f])
+          root[root_of(root, edge[(c + 3) % 4])] = root_of(root, edge[c]);
+      continue;
+    }
+    int first = -1;
     for (int c = 0; c < 4; ++c) {
-      if (value[face[c]] >= 0) continue;
-      const int before = edge_between(face[(c + 3) % 4], face[c]),
-                after = edge_between(face[c], face[(c + 1) % 4]);
-      root[find_root(before)] = find_root(after);
+      if ((value[face[c]] < 0) == (value[face[(c + 1) % 4]] < 0)) continue;
+      if (first < 0) first = edge[c];
+      root[root_of(root, edge[c])] = root_of(root, first);
     }
   }
 }
 
-/// No sheets where the sign does not change or a corner is unknown.
-CellSurface surface_in_cell(CellKey cell, const Corners& corners) {
+/// No sheets where the sign does not change or a corner is unknown. Ambiguous faces on which the cell's
+/// surface is one sheet only are added to `pinches`.
+CellSurface surface_in_cell(CellKey cell, const Corners& corners, const std::vector<FaceId>& flipped_faces,
+                            std::vector<FaceId>* pinches) {
   CellSurface out;
   out.sheet_of_edge.fill(-1);
-  const auto [i, j, k] = indices_of(cell);
+  const auto index = indices_of(cell);
   std::array<double, 8> value;
   for (int c = 0; c < 8; ++c) {
     const auto d = offset_of_corner(c);
-    value[c] = corners.at(i + d[0], j + d[1], k + d[2]);
+    value[c] = corners.at(index[0] + d[0], index[1] + d[1], index[2] + d[2]);
     if (std::isnan(value[c])) return out;
   }
+  std::array<bool, 6> flipped{};
+  for (int f = 0; f < 6 && !flipped_faces.empty(); ++f)
+    flipped[f] = std::binary_search(flipped_faces.begin(), flipped_faces.end(), face_id(index, f));
   std::array<int, 12> root;
   for (int e = 0; e < 12; ++e) root[e] = e;
-  join_crossings(value, root);
+  join_crossings(value, flipped, root);
   std::array<int, 4> count{};
   std::array<int, 12> sheet_of_root;
   sheet_of_root.fill(-1);
   for (int e = 0; e < 12; ++e) {
     const auto [a, b] = kEdgeCorners[e];
     if ((value[a] < 0) == (value[b] < 0)) continue;
-    int r = e;
-    while (root[r] != r) r = root[r];
-    if (sheet_of_root[r] < 0) {
-      sheet_of_root[r] = out.sheets;
+    int& sheet = sheet_of_root[root_of(root, e)];
+    if (sheet < 0) {
+      sheet = out.sheets;
       out.vertex[out.sheets++] = Vector3::Zero();
     }
-    const int sheet = sheet_of_root[r];
     const auto da = offset_of_corner(a), db = offset_of_corner(b);
     const Vector3 pa(da[0], da[1], da[2]), pb(db[0], db[1], db[2]);
     out.vertex[sheet] += pa + value[a] / (value[a] - value[b]) * (pb - pa);
     out.sheet_of_edge[e] = static_cast<std::int8_t>(sheet);
     ++count[sheet];
   }
-  for (int s = 0; s < out.sheets; ++s) out.vertex[s] = Vector3(i, j, k) + out.vertex[s] / count[s];
+  for (int s = 0; s < out.sheets; ++s)
+    out.vertex[s] = Vector3(index[0], index[1], index[2]) + out.vertex[s] / count[s];
+  for (int f = 0; f < 6 && pinches; ++f) {
+    const auto& face = kFaceCorners[f];
+    if (is_ambiguous(value, face) && out.sheet_of_edge[edge_between(face[0], face[1])] ==
+                                         out.sheet_of_edge[edge_between(face[2], face[3])])
+      pinches->push_back(face_id(index, f));
+  }
   return out;
+}
+
+/// The surface in each cell. Where both cells of an ambiguous face have one sheet on it, four quads would
+/// meet in one edge: such faces are flipped (Wenger, "Isosurfaces", 2013, ch. 3).
+std::vector<CellSurface> surfaces_in_cells(const std::vector<CellKey>& cells, const Corners& corners) {
+  std::vector<CellSurface> surfaces(cells.size());
+  std::vector<std::vector<FaceId>> pinches(cells.size());
+  tbb::parallel_for(std::size_t{0}, cells.size(), [&](std::size_t n) {
+    surfaces[n] = surface_in_cell(cells[n], corners, {}, &pinches[n]);
+  });
+  std::vector<FaceId> faces, flipped;
+  for (const auto& part : pinches) faces.insert(faces.end(), part.begin(), part.end());
+  std::sort(faces.begin(), faces.end());
+  for (std::size_t n = 1; n < faces.size(); ++n)
+    if (faces[n] == faces[n - 1]) flipped.push_back(faces[n]);
+  if (!flipped.empty())
+    tbb::parallel_for(std::size_t{0}, cells.size(), [&](std::size_t n) {
+      if (!pinches[n].empty()) surfaces[n] = surface_in_cell(cells[n], corners, flipped, nullptr);
+    });
+  return surfaces;
 }
 
 /// Two triangles around a lattice edge, split along the shorter diagonal.
@@ -284,9 +333,7 @@ std::vector<CellKey> cells_near_mesh(const TriangleMesh& mesh, const Lattice& la
 
 TriangleMesh surface_net(const std::vector<CellKey>& cells, const Lattice& lattice, const Field& field) {
   const Corners corners = sample_corners(cells, lattice, field);
-  std::vector<CellSurface> surfaces(cells.size());
-  tbb::parallel_for(std::size_t{0}, cells.size(),
-                    [&](std::size_t n) { surfaces[n] = surface_in_cell(cells[n], corners); });
+  std::vector<CellSurface> surfaces = surfaces_in_cells(cells, corners);
   TriangleMesh mesh;
   for (CellSurface& surface : surfaces) {
     surface.first_vertex = static_cast<std::uint32_t>(mesh.vertices_mm.size());
@@ -298,10 +345,32 @@ TriangleMesh surface_net(const std::vector<CellKey>& cells, const Lattice& latti
   return submesh(mesh, std::vector<bool>(mesh.triangles.size(), true));
 }
 
+void move_without_folds(TriangleMesh& mesh, const std::vector<Vector3>& targets) {
+  const TriangleMesh before = mesh;
+  mesh.vertices_mm = targets;
+  constexpr double kLeastCosine = 0.3, kLeastArea = 0.1;
+  for (int round = 0; round < 8; ++round) {
+    std::vector<std::uint8_t> folded(mesh.triangles.size(), 0);
+    tbb::parallel_for(std::size_t{0}, mesh.triangles.size(), [&](std::size_t t) {
+      const Vector3 was = face_normal_scaled(before, t), is = face_normal_scaled(mesh, t);
+      folded[t] = is.dot(was) < kLeastCosine * is.norm() * was.norm() || is.norm() < kLeastArea * was.norm();
+    });
+    bool any = false;
+    for (std::size_t t = 0; t < folded.size(); ++t) {
+      if (!folded[t]) continue;
+      for (const std::uint32_t v : mesh.triangles[t]) {
+        any = any || mesh.vertices_mm[v] != before.vertices_mm[v];
+        mesh.vertices_mm[v] = before.vertices_mm[v];
+      }
+    }
+    if (!any) return;
+  }
+}
+
 void project_to_zero(TriangleMesh& mesh, const Field& field, double limit_mm) {
-  tbb::parallel_for(std::size_t{0}, mesh.vertices_mm.size(), [&](std::size_t n) {
-    const Vector3 start = mesh.vertices_mm[n];
-    Vector3 p = start;
+  std::vector<Vector3> targets = mesh.vertices_mm;
+  tbb::parallel_for(std::size_t{0}, targets.size(), [&](std::size_t n) {
+    Vector3 p = targets[n];
     for (int step = 0; step < 4; ++step) {
       const double value = field(p);
       if (std::abs(value) < 1e-5) break;
@@ -309,20 +378,16 @@ void project_to_zero(TriangleMesh& mesh, const Field& field, double limit_mm) {
       if (!(g.squaredNorm() > 0.05)) break;  // a crease: the gradient says nothing
       p -= std::clamp(value, -limit_mm, limit_mm) / g.squaredNorm() * g;
     }
-    if ((p - start).norm() <= limit_mm) mesh.vertices_mm[n] = p;
+    if ((p - targets[n]).norm() <= limit_mm) targets[n] = p;
   });
+  move_without_folds(mesh, targets);
 }
 
 TriangleMesh mesh_of_field(const Field& field, const Box& box, double edge_mm, double lipschitz) {
   // A lattice turned by an odd angle: flat faces of modelled parts never lie in its planes, where the sign of
-  // rounding errors would decide. Where two sheets still touch in an edge, another turn parts them.
-  TriangleMesh mesh;
-  for (int attempt = 0; attempt < 6; ++attempt) {
-    const Lattice lattice{{exp_so3(Vector3(0.211 + 0.09 * attempt, -0.173, 0.307)), box.centre_mm()},
-                          edge_mm};
-    mesh = surface_net(cells_near_zero(field, box, lattice, lipschitz), lattice, field);
-    if (mesh_topology(mesh).manifold()) break;
-  }
+  // rounding errors would decide.
+  const Lattice lattice{{exp_so3(Vector3(0.211, -0.173, 0.307)), box.centre_mm()}, edge_mm};
+  TriangleMesh mesh = surface_net(cells_near_zero(field, box, lattice, lipschitz), lattice, field);
   project_to_zero(mesh, field, 0.75 * edge_mm);
   return mesh;
 }

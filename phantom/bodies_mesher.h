@@ -32,6 +32,9 @@ std::vector<CellKey> cells_near_mesh(const TriangleMesh& mesh, const Lattice& la
 /// edge that changes sign with all four cells around it known. Normals point to positive values.
 TriangleMesh surface_net(const std::vector<CellKey>& cells, const Lattice& lattice, const Field& field);
 
+/// Moves the vertices to their targets, but for those whose triangles would turn over or collapse.
+void move_without_folds(TriangleMesh& mesh, const std::vector<Vector3>& targets);
+
 /// Vertices brought onto the zero of the field along its gradient, by at most `limit_mm` each.
 void project_to_zero(TriangleMesh& mesh, const Field& field, double limit_mm);
 

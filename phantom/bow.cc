@@ -17,11 +17,12 @@ using field::sphere;
 using field::unite;
 
 /// Twelve plates in two rows before and beside the mouth; neighbours are turned against each other by 15–35°.
-/// They look a little upward, for the bow dips as the jaw opens.
+/// They look a little upward, and the lower row stands before the upper one, for the bow dips as the jaw
+/// opens.
 std::vector<TagPlate> bow_plates() {
-  constexpr std::array<double, 6> x = {-88, -53, -18, 18, 53, 88};
-  constexpr std::array<double, 6> y_low = {-60, -84, -76, -89, -74, -63},
-                                  y_high = {-52, -70, -87, -75, -81, -55};
+  constexpr std::array<double, 6> x = {-89, -53, -18, 18, 53, 89};
+  constexpr std::array<double, 6> y_low = {-67, -84, -78, -89, -77, -66},
+                                  y_high = {-50, -66, -72, -69, -63, -54};
   constexpr std::array<double, 6> yaw_low = {14, -10, 12, -14, 10, -12},
                                   yaw_high = {-10, 14, -12, 12, -14, 10};
   constexpr std::array<double, 6> pitch_low = {-3, 18, 0, 20, -2, 16}, pitch_high = {20, -1, 18, -3, 16, 2};

@@ -53,15 +53,17 @@ TriangleMesh retessellated(const MeshQuery& truth, double edge_mm, Random& rando
   return surface_net(cells_near_mesh(truth.mesh(), lattice), lattice, signed_distance);
 }
 
-/// Brings the vertices onto the true surface and gives its normals there.
+/// Brings the vertices onto the true surface (but for a few in its sharpest creases) and gives its normals
+/// there.
 std::vector<Vector3> settle(TriangleMesh& mesh, const MeshQuery& truth) {
-  std::vector<Vector3> normals(mesh.vertices_mm.size(), Vector3::Zero());
-  tbb::parallel_for(std::size_t{0}, mesh.vertices_mm.size(), [&](std::size_t v) {
-    const auto found = truth.closest(mesh.vertices_mm[v]);
+  std::vector<Vector3> normals(mesh.vertices_mm.size(), Vector3::Zero()), targets = mesh.vertices_mm;
+  tbb::parallel_for(std::size_t{0}, targets.size(), [&](std::size_t v) {
+    const auto found = truth.closest(targets[v]);
     if (!found) return;
-    mesh.vertices_mm[v] = found->point_mm;
+    targets[v] = found->point_mm;
     normals[v] = found->normal.normalized();
   });
+  move_without_folds(mesh, targets);
   return normals;
 }
 

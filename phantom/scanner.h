@@ -33,7 +33,8 @@ ScannerModel intraoral_scanner(const Vector3& occlusal);
 /// crown.
 ScannerModel face_scanner(const Vector3& front, const Vector3& up);
 
-/// The scan, in its own frame. Vertices lie on the true surface but for noise, and none is a source vertex.
+/// The scan, in its own frame. Vertices lie on the true surface but for noise (in its sharpest creases a
+/// little beside it), and none is a source vertex.
 TriangleMesh simulate_scan(const TriangleMesh& surface, const ScannerModel& model,
                            const Rigid3& scan_from_surface, Random& random);
 
