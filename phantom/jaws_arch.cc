@@ -16,7 +16,7 @@ constexpr double kCreviceBlendMm = 0.45, kCreviceBlendBackMm = 0.65;
 
 /// Inclination of a crown: its occlusal end outward (torque) and mesially (tip), degrees, numbers 1..7.
 /// After Andrews' keys, told for the crown's axis instead of its facial face.
-constexpr double kUpperTorqueDeg[8] = {0, 19, 18, 9, 2, 2, 5, 8};
+constexpr double kUpperTorqueDeg[8] = {0, 19, 18, 9, 2, 2, 4, 5};
 constexpr double kUpperTipDeg[8] = {0, 3, 6, 7, 3, 2, 3, -2};
 constexpr double kLowerTorqueDeg[8] = {0, 15, 14, 6, -3, -7, -11, -13};
 constexpr double kLowerTipDeg[8] = {0, 1, 1, 4, 3, 3, 4, 7};
@@ -129,6 +129,7 @@ PlacedTooth place(const ToothSeed& seed, bool upper, double s, const CuspCurve& 
     const double bite = number == 2 ? plan.overbite_mm - 0.5 : plan.overbite_mm + (number == 3 ? 0.1 : 0.0);
     target += jet * at.outward - Vector3(0, 0, bite);
   }
+  if (upper && number == 7) target += 0.3 * at.outward;  // no end-to-end bite where the arch ends
   PlacedTooth tooth{seed.fdi, Crown(seed.form), Matrix3(), Vector3::Zero(), seed.unevenness_seed};
   tooth.jaw_from_tooth.col(0) = u;
   tooth.jaw_from_tooth.col(1) = v;
