@@ -9,22 +9,6 @@
 namespace gnathion {
 namespace {
 
-struct Cell {
-  Eigen::Vector3i index;
-  Vector3 fraction;
-};
-
-Cell locate(const GridShape& shape, const Vector3& p_mm) {
-  const Vector3 u = (p_mm - shape.origin_mm) / shape.spacing_mm;
-  Cell cell;
-  for (int d = 0; d < 3; ++d) {
-    const double clamped = std::clamp(u[d], 0.0, static_cast<double>(shape.nodes[d] - 1));
-    cell.index[d] = std::min(static_cast<int>(clamped), shape.nodes[d] - 2);
-    cell.fraction[d] = clamped - cell.index[d];
-  }
-  return cell;
-}
-
 std::array<double, 4> spline_weights(double t) {
   const double s = 1.0 - t;
   return {s * s * s / 6.0, (3 * t * t * t - 6 * t * t + 4) / 6.0, (3 * s * s * s - 6 * s * s + 4) / 6.0,
@@ -69,21 +53,29 @@ double distance_beside_level(const CoarseGrid& f, int i, int j, int k) {
 
 }  // namespace
 
-double CoarseGrid::linear(const Vector3& p_mm) const {
-  const Cell c = locate(shape_, p_mm);
-  double sum = 0.0;
-  for (int di = 0; di < 2; ++di)
-    for (int dj = 0; dj < 2; ++dj) {
-      const float* z = column(c.index.x() + di, c.index.y() + dj) + c.index.z();
-      const double w =
-          (di ? c.fraction.x() : 1.0 - c.fraction.x()) * (dj ? c.fraction.y() : 1.0 - c.fraction.y());
-      sum += w * ((1.0 - c.fraction.z()) * z[0] + c.fraction.z() * z[1]);
-    }
-  return sum;
+GridCell located(const GridShape& shape, const Vector3& p_mm) {
+  const Vector3 u = (p_mm - shape.origin_mm) / shape.spacing_mm;
+  GridCell cell;
+  for (int d = 0; d < 3; ++d) {
+    const double clamped = std::clamp(u[d], 0.0, static_cast<double>(shape.nodes[d] - 1));
+    cell.index[d] = std::min(static_cast<int>(clamped), shape.nodes[d] - 2);
+    cell.fraction[d] = clamped - cell.index[d];
+  }
+  return cell;
+}
+
+double CoarseGrid::linear(const GridCell& c) const {
+  const std::size_t j = static_cast<std::size_t>(shape_.nodes.z());
+  const std::size_t i = j * static_cast<std::size_t>(shape_.nodes.y());
+  const float* v = &values_[shape_.index(c.index.x(), c.index.y(), c.index.z())];
+  const double x = c.fraction.x(), y = c.fraction.y(), z = c.fraction.z();
+  const auto along = [&](const float* p) { return (1.0 - z) * p[0] + z * p[1]; };
+  return (1.0 - x) * ((1.0 - y) * along(v) + y * along(v + j)) +
+         x * ((1.0 - y) * along(v + i) + y * along(v + i + j));
 }
 
 double CoarseGrid::smooth(const Vector3& p_mm) const {
-  const Cell c = locate(shape_, p_mm);
+  const GridCell c = located(shape_, p_mm);
   const auto wx = spline_weights(c.fraction.x());
   const auto wy = spline_weights(c.fraction.y());
   const auto wz = spline_weights(c.fraction.z());
@@ -126,42 +118,53 @@ CoarseGrid swept_down(const CoarseGrid& f) {
   return out;
 }
 
+void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_mm) {
+  const auto n = d.shape().nodes;
+  const auto far = static_cast<float>(far_mm);
+  const double h = d.shape().spacing_mm;
+  // Eight sweeps, one per octant of directions; one round is exact but at kinks, where a second one adds
+  // little.
+  for (int octant = 0; octant < 8; ++octant) {
+    const int sx = octant & 1, sy = (octant >> 1) & 1, sz = (octant >> 2) & 1;
+    for (int a = 0; a < n.x(); ++a)
+      for (int b = 0; b < n.y(); ++b) {
+        const int i = sx ? n.x() - 1 - a : a, j = sy ? n.y() - 1 - b : b;
+        float* here = d.column(i, j);
+        const float* before_x = i > 0 ? d.column(i - 1, j) : nullptr;
+        const float* after_x = i + 1 < n.x() ? d.column(i + 1, j) : nullptr;
+        const float* before_y = j > 0 ? d.column(i, j - 1) : nullptr;
+        const float* after_y = j + 1 < n.y() ? d.column(i, j + 1) : nullptr;
+        const char* keep = &fixed[d.shape().index(i, j, 0)];
+        for (int c = 0; c < n.z(); ++c) {
+          const int k = sz ? n.z() - 1 - c : c;
+          if (keep[k]) continue;
+          const float x = std::min(before_x ? before_x[k] : far, after_x ? after_x[k] : far);
+          const float y = std::min(before_y ? before_y[k] : far, after_y ? after_y[k] : far);
+          const float z = std::min(k > 0 ? here[k - 1] : far, k + 1 < n.z() ? here[k + 1] : far);
+          const float least = std::min({x, y, z});
+          if (least >= far || least >= here[k]) continue;
+          here[k] = std::min(here[k], static_cast<float>(h * eikonal_update(x / h, y / h, z / h)));
+        }
+      }
+  }
+}
+
 CoarseGrid redistanced(const CoarseGrid& f, double band_mm) {
   const GridShape& shape = f.shape();
-  const float far = static_cast<float>(band_mm / shape.spacing_mm);
-  CoarseGrid d(shape, far);
+  CoarseGrid d(shape, static_cast<float>(band_mm));
   std::vector<char> fixed(shape.size(), 0);
   parallel_each(shape.nodes.x(), [&](int i) {
     for (int j = 0; j < shape.nodes.y(); ++j)
       for (int k = 0; k < shape.nodes.z(); ++k) {
         const double beside = distance_beside_level(f, i, j, k);
         if (beside < 0.0) continue;
-        d.at(i, j, k) = static_cast<float>(beside);
+        d.at(i, j, k) = static_cast<float>(beside * shape.spacing_mm);
         fixed[shape.index(i, j, k)] = 1;
       }
   });
-  // Eight sweeps, one per octant of directions; one round is exact but at kinks, where a second one adds
-  // little.
-  const auto n = shape.nodes;
-  for (int octant = 0; octant < 8; ++octant) {
-    const int sx = octant & 1, sy = (octant >> 1) & 1, sz = (octant >> 2) & 1;
-    for (int a = 0; a < n.x(); ++a)
-      for (int b = 0; b < n.y(); ++b)
-        for (int c = 0; c < n.z(); ++c) {
-          const int i = sx ? n.x() - 1 - a : a, j = sy ? n.y() - 1 - b : b, k = sz ? n.z() - 1 - c : c;
-          if (fixed[shape.index(i, j, k)]) continue;
-          const float x = std::min(i > 0 ? d.at(i - 1, j, k) : far, i + 1 < n.x() ? d.at(i + 1, j, k) : far);
-          const float y = std::min(j > 0 ? d.at(i, j - 1, k) : far, j + 1 < n.y() ? d.at(i, j + 1, k) : far);
-          const float z = std::min(k > 0 ? d.at(i, j, k - 1) : far, k + 1 < n.z() ? d.at(i, j, k + 1) : far);
-          if (std::min({x, y, z}) >= far) continue;
-          float& here = d.at(i, j, k);
-          here = std::min(here, static_cast<float>(eikonal_update(x, y, z)));
-        }
-  }
-  for (std::size_t i = 0; i < d.values().size(); ++i) {
-    const float distance = d.values()[i] * static_cast<float>(shape.spacing_mm);
-    d.values()[i] = f.values()[i] <= 0.0f ? -distance : distance;
-  }
+  sweep_distances(d, fixed, band_mm);
+  for (std::size_t i = 0; i < d.values().size(); ++i)
+    if (f.values()[i] <= 0.0f) d.values()[i] = -d.values()[i];
   return d;
 }
 

@@ -28,6 +28,13 @@ struct GridShape {
   Vector3 position(int i, int j, int k) const { return origin_mm + spacing_mm * Vector3(i, j, k); }
 };
 
+/// A cell of a grid and the place within it, found once for all grids of one shape.
+struct GridCell {
+  Eigen::Vector3i index = Eigen::Vector3i::Zero();
+  Vector3 fraction = Vector3::Zero();
+};
+GridCell located(const GridShape& shape, const Vector3& p_mm);
+
 /// Scalar samples (mm). Reading is thread-safe. Outside of the box the nearest sample counts.
 class CoarseGrid {
  public:
@@ -43,7 +50,8 @@ class CoarseGrid {
   const std::vector<float>& values() const { return values_; }
 
   /// Trilinear interpolation.
-  double linear(const Vector3& p_mm) const;
+  double linear(const Vector3& p_mm) const { return linear(located(shape_, p_mm)); }
+  double linear(const GridCell& cell) const;
   /// Uniform cubic B-spline with the samples as coefficients: C2, smooths by about spacing²·curvature/6.
   double smooth(const Vector3& p_mm) const;
 
@@ -56,6 +64,10 @@ class CoarseGrid {
 CoarseGrid swept_up(const CoarseGrid& f, double slope = 0.0);
 /// min over z' ≥ z: swept away from the gingiva.
 CoarseGrid swept_down(const CoarseGrid& f);
+
+/// Solves |∇d| = 1 outwards from the nodes marked in `fixed` (fast sweeping, Zhao 2005); `d` holds their
+/// unsigned distances and `far_mm` elsewhere, which is where the solution ends.
+void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_mm);
 
 /// Signed distance to the zero level of f, within ± band_mm (clamped): fast sweeping (Zhao 2005) of the
 /// Eikonal equation from the nodes beside the level.

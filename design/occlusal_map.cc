@@ -20,8 +20,8 @@ struct Support {
   bool known = false;
 };
 
-/// The edge of the lower convex hull of (buccal, height) points over the arch curve: what a flat plate
-/// pressed against the crowns would rest on.
+/// The longest edge of the lower convex hull of (buccal, height) points: what a flat plate pressed against
+/// the crowns would rest on.
 Support support_of(std::vector<Eigen::Vector2d> points) {
   if (points.size() < 10) return {};
   std::sort(points.begin(), points.end(),

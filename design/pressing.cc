@@ -7,7 +7,7 @@
 namespace gnathion {
 namespace {
 
-constexpr double kReachMm = 0.3;
+constexpr double kReachMm = 0.15;
 constexpr int kRounds = 4;
 
 struct Push {
@@ -79,11 +79,17 @@ void take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before)
 
 }  // namespace
 
-std::size_t press_free_of_jaws(TriangleMesh& splint, const MeshQuery& maxilla, const MeshQuery& mandible,
-                               double tolerance_mm) {
+std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm) {
+  const MeshQuery& maxilla = field.preparation().maxilla;
+  const MeshQuery& mandible = field.preparation().mandible;
   const std::vector<Vector3> before = splint.vertices_mm;
-  std::vector<std::uint32_t> todo(splint.triangles.size());
-  for (std::size_t t = 0; t < todo.size(); ++t) todo[t] = static_cast<std::uint32_t>(t);
+  std::vector<char> near(splint.vertices_mm.size());
+  parallel_each(near.size(), [&](std::size_t v) { near[v] = field.near_jaw(splint.vertices_mm[v], 0.0); });
+  std::vector<std::uint32_t> todo;
+  for (std::size_t t = 0; t < splint.triangles.size(); ++t) {
+    const Triangle& c = splint.triangles[t];
+    if (near[c[0]] || near[c[1]] || near[c[2]]) todo.push_back(static_cast<std::uint32_t>(t));
+  }
   std::vector<char> moved(splint.vertices_mm.size(), 0);
   for (int round = 0; round < kRounds && !todo.empty(); ++round) {
     std::vector<Push> pushes(splint.vertices_mm.size());

@@ -5,13 +5,13 @@
 
 #include "core/mesh.h"
 #include "core/mesh_query.h"
+#include "design/splint_field.h"
 
 namespace gnathion {
 
 /// Moves vertices of `splint` (closed) out of the jaws until neither surface is deeper than about
 /// `tolerance_mm` in the other; movements are of that order. Moves that would make the mesh cross itself are
 /// taken back. Returns how many vertices moved.
-std::size_t press_free_of_jaws(TriangleMesh& splint, const MeshQuery& maxilla, const MeshQuery& mandible,
-                               double tolerance_mm);
+std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm);
 
 }  // namespace gnathion

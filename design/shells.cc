@@ -5,8 +5,9 @@
 
 namespace gnathion {
 namespace {
-constexpr double kSmoothingErrorMm = 0.06;  // what smoothing and interpolation may take from the wall
-constexpr double kLipMm = 0.5;              // how far the rim may stand beyond the wall across a
+constexpr double kSmoothingErrorMm =
+    0.08;                       // what sweeping, smoothing and interpolation may take from the wall
+constexpr double kLipMm = 0.5;  // how far the rim may stand beyond the wall across a
 constexpr double kOutlineBandMm = 8.0;
 }  // namespace
 

@@ -102,7 +102,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
       return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");
 
     steps.begin("pressing", 0.15);
-    press_free_of_jaws(pieces.mesh, preparation.maxilla, preparation.mandible, kPressToleranceMm);
+    press_free_of_jaws(pieces.mesh, field, kPressToleranceMm);
     const FinishedSplint splint(std::move(pieces.mesh), field);
 
     steps.begin("verification", 0.35);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <tbb/parallel_invoke.h>
+
 #include "design/blockout.h"
 #include "design/distances.h"
 #include "design/shells.h"
@@ -21,7 +23,8 @@ constexpr double kStampNearMm = 0.6;   // up to here from the mandible the stamp
 constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body beyond it
 constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
 constexpr double kStampTopMm = 1.0;
-constexpr double kFullGapDeg = 60.0;  // from the stop angle to here the gap grows from h to g
+constexpr double kFilmMarginVoxels = 0.2;  // what triangles may take from the thinnest wall
+constexpr double kFullGapDeg = 60.0;       // from the stop angle to here the gap grows from h to g
 
 double smoothstep(double t) {
   t = std::clamp(t, 0.0, 1.0);
@@ -59,24 +62,36 @@ struct SplintField::Ingredients {
 
 SplintField::SplintField(const Preparation& preparation, const SplintParameters& parameters)
     : prep_(preparation), par_(parameters), natural_from_tp_(preparation.therapeutic.inverse()) {
-  build_cavity();
-  build_body();
+  sample_distances();
+  build_shapes();
 }
 
-void SplintField::build_cavity() {
-  maxilla_ = sampled_distance(prep_.coarse, prep_.maxilla, Rigid3::identity(), kBandMm, OutsideEnd::kBottom);
+void SplintField::sample_distances() {
+  tbb::parallel_invoke(
+      [&] { maxilla_ = sampled_distance(prep_.coarse, prep_.maxilla, {}, kBandMm, OutsideEnd::kBottom); },
+      [&] {
+        stamp_ =
+            sampled_distance(prep_.coarse, prep_.maxilla, natural_from_tp_, kBandMm, OutsideEnd::kBottom);
+      },
+      [&] { mandible_ = sampled_distance(prep_.coarse, prep_.mandible, {}, kBandMm, OutsideEnd::kTop); });
   maxilla_swept_ = swept_up(maxilla_);
-  cavity_closed_ = without_embrasures(coarse_cavity(maxilla_, maxilla_swept_, par_), par_);
-}
-
-void SplintField::build_body() {
-  stamp_ = sampled_distance(prep_.coarse, prep_.maxilla, natural_from_tp_, kBandMm, OutsideEnd::kBottom);
-  mandible_ = sampled_distance(prep_.coarse, prep_.mandible, Rigid3::identity(), kBandMm, OutsideEnd::kTop);
   const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep_.coarse.spacing_mm)));
   mandible_swept_ = looked_up(swept_down(mandible_), steps);
-  const CoarseGrid outline = distance_from_rim_outline(maxilla_swept_, prep_.level, par_);
-  const CoarseGrid shell = outer_shell(maxilla_swept_, outline, par_);
-  body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), mandible_, par_);
+}
+
+void SplintField::build_shapes() {
+  tbb::parallel_invoke(
+      [&] { cavity_closed_ = without_embrasures(coarse_cavity(maxilla_, maxilla_swept_, par_), par_); },
+      [&] {
+        const CoarseGrid outline = distance_from_rim_outline(maxilla_swept_, prep_.level, par_);
+        const CoarseGrid shell = outer_shell(maxilla_swept_, outline, par_);
+        body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), mandible_, par_);
+      });
+}
+
+bool SplintField::near_jaw(const Vector3& p, double distance_mm) const {
+  const GridCell cell = located(prep_.coarse, p);
+  return std::min(maxilla_.linear(cell), mandible_.linear(cell)) < distance_mm + kEstimateMm;
 }
 
 double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
@@ -92,14 +107,15 @@ double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
 
 SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   Ingredients in;
-  in.maxilla = maxilla_.linear(p);
+  const GridCell cell = located(prep_.coarse, p);
+  in.maxilla = maxilla_.linear(cell);
   in.gap = 0.5 * (par_.gap_mm + par_.stop_gap_mm);
-  in.maxilla_swept = maxilla_swept_.linear(p);
-  in.cavity_closed = cavity_closed_.linear(p);
-  in.stamp = stamp_.linear(p);
-  in.mandible = mandible_.linear(p);
-  in.mandible_swept = mandible_swept_.linear(p);
-  in.body = body_.linear(p);
+  in.maxilla_swept = maxilla_swept_.linear(cell);
+  in.cavity_closed = cavity_closed_.linear(cell);
+  in.stamp = stamp_.linear(cell);
+  in.mandible = mandible_.linear(cell);
+  in.mandible_swept = mandible_swept_.linear(cell);
+  in.body = body_.linear(cell);
   return in;
 }
 
@@ -117,8 +133,9 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   const double stamp = in.stamp + kStampFade * std::max(0.0, in.mandible - kStampNearMm) +
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
+  f.body_by_stamp = stamp < in.body + kEstimateMm && in.mandible < kStampNearMm + 1.0;
   f.rim = p.z() - (prep_.level.level_mm(p) + par_.depth_mm);
-  const double film = par_.aperture_limit_mm - f.cavity - f.cut;
+  const double film = par_.aperture_limit_mm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
   const double inner = rounded_max(-f.cavity, f.rim, 0.5 * par_.rim_radius_mm);
   f.value = std::max({walls, inner, -f.cut, film});
@@ -143,19 +160,19 @@ FieldTerms SplintField::exact(const Vector3& p) const {
   Ingredients in = interpolated(p);
   in.body = body_.smooth(p);
   const FieldTerms rough = compose(p, in);
-  const bool film = rough.cavity + rough.cut < par_.aperture_limit_mm + kEstimateMm;
-  if (rough.cavity < kEstimateMm || film) {
-    if (const auto d = prep_.maxilla.signed_distance(p, kReachMm)) {
+  const double film_mm = rough.cavity + rough.cut - par_.aperture_limit_mm;
+  const bool film = std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
+  const auto reach = [](double estimate) { return std::min(kReachMm, std::abs(estimate) + kEstimateMm); };
+  if (std::abs(rough.cavity) < kEstimateMm || film) {
+    if (const auto d = prep_.maxilla.signed_distance(p, reach(in.maxilla))) {
       in.maxilla = d->distance_mm;
       in.gap = seat_gap_mm(d->closest);
     }
   }
-  if (rough.cut < kEstimateMm || film || in.mandible < kStampNearMm + 1.0) {
-    if (const auto d = prep_.mandible.signed_distance(p, kReachMm)) in.mandible = d->distance_mm;
-    if (std::abs(in.stamp) < par_.aperture_limit_mm + kEstimateMm || film) {
-      if (const auto d = prep_.maxilla.signed_distance(natural_from_tp_ * p, kReachMm))
-        in.stamp = d->distance_mm;
-    }
+  if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
+    if (const auto d = prep_.mandible.signed_distance(p, reach(in.mandible))) in.mandible = d->distance_mm;
+    if (const auto d = prep_.maxilla.signed_distance(natural_from_tp_ * p, reach(in.stamp)))
+      in.stamp = d->distance_mm;
   }
   return compose(p, in);
 }

@@ -14,11 +14,12 @@ enum class SurfacePart : std::uint8_t { kCavity, kOuter, kStamp, kImprint, kAper
 
 /// Signed quantities at a point, mm.
 struct FieldTerms {
-  double body = 0.0;    ///< shell with stamp
-  double cavity = 0.0;  ///< C, distance from the cavity
-  double cut = 0.0;     ///< K, distance from what the mandible takes away
-  double rim = 0.0;     ///< height over the cutting surface
-  double value = 0.0;   ///< the splint
+  double body = 0.0;           ///< shell with stamp
+  double cavity = 0.0;         ///< C, distance from the cavity
+  double cut = 0.0;            ///< K, distance from what the mandible takes away
+  double rim = 0.0;            ///< height over the cutting surface
+  double value = 0.0;          ///< the splint
+  bool body_by_stamp = false;  ///< the exact stamp may shape the body here
   SurfacePart part = SurfacePart::kOuter;
 };
 
@@ -31,14 +32,17 @@ class SplintField {
   /// With mesh distances for every term that matters at p.
   FieldTerms exact(const Vector3& p_mm) const;
 
+  /// False where neither jaw can be within distance_mm; cheap.
+  bool near_jaw(const Vector3& p_mm, double distance_mm) const;
+
   const Preparation& preparation() const { return prep_; }
   const SplintParameters& parameters() const { return par_; }
   const CoarseGrid& body_grid() const { return body_; }
 
  private:
   struct Ingredients;
-  void build_cavity();
-  void build_body();
+  void sample_distances();
+  void build_shapes();
   Ingredients interpolated(const Vector3& p_mm) const;
   FieldTerms compose(const Vector3& p_mm, const Ingredients& in) const;
   double seat_gap_mm(const ClosestPoint& closest) const;

@@ -6,7 +6,7 @@
 namespace gnathion {
 namespace {
 
-constexpr double kReachMm = 0.5;  // deeper penetration is a bug that shows as this much
+constexpr double kReachMm = 0.2;  // a surface that goes deeper passes through this depth on its way
 
 /// Deepest of the points inside the solid.
 double deepest(const std::vector<Vector3>& points, const MeshQuery& solid) {
