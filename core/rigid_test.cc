@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
+
 #include "core/random.h"
 
 namespace gnathion {
@@ -74,7 +76,6 @@ TEST(Rigid, CovariancesOfProductInverseAndPointMatchMonteCarlo) {
   cov_b.diagonal() << 4e-6, 4e-6, 4e-6, 0.04, 0.04, 0.04;
   const int n = 20000;
   const Matrix6 product = sample_covariance(
-      random,
       [&] { return difference((exp_se3(noise(1e-3, 0.1)) * a) * (exp_se3(noise(2e-3, 0.2)) * b), a * b); },
       n);
   const Matrix6 expected = composed_covariance(cov_a, a, cov_b);

@@ -41,7 +41,7 @@ std::vector<Vector3> used_vertices(const TriangleMesh& mesh) {
 }
 
 Facing facing_points(const TriangleMesh& mesh, const TriangleMesh& other, double reach_mm) {
-  const PointGrid grid(other.vertices_mm, reach_mm);
+  const NeighbourGrid grid(other.vertices_mm, reach_mm);
   const std::size_t stride = mesh.vertices_mm.size() / kFacingQueries + 1;
   std::vector<std::size_t> partner(mesh.vertices_mm.size(), kNone);
   tbb::parallel_for(std::size_t{0}, partner.size() / stride, [&](std::size_t k) {

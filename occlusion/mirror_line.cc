@@ -13,7 +13,7 @@ MirrorLine refine_mirror_line(const std::vector<Eigen::Vector2d>& points_mm, Mir
   std::vector<Vector3> flat;
   flat.reserve(points_mm.size());
   for (const auto& p : points_mm) flat.emplace_back(p.x(), p.y(), 0.0);
-  const PointGrid grid(flat, 1.0);
+  const NeighbourGrid grid(flat, 1.0);
   std::vector<std::size_t> partner(points_mm.size());
   constexpr std::size_t kNone = ~std::size_t{0};
 

@@ -15,9 +15,9 @@
 namespace gnathion {
 
 /// Immutable after construction; queries are thread-safe.
-class PointGrid {
+class NeighbourGrid {
  public:
-  PointGrid(std::vector<Vector3> points_mm, double cell_mm) : points_(std::move(points_mm)), cell_(cell_mm) {
+  NeighbourGrid(std::vector<Vector3> points_mm, double cell_mm) : points_(std::move(points_mm)), cell_(cell_mm) {
     cells_.reserve(points_.size());
     for (std::size_t i = 0; i < points_.size(); ++i) cells_[key(cell_of(points_[i]))].push_back(i);
   }

@@ -8,6 +8,7 @@
 #include "core/file.h"
 #include "phantom/case.h"
 #include "phantom/film.h"
+#include "phantom/film_scene.h"
 #include "pipeline/nested_progress.h"
 
 namespace gnathion {
@@ -16,26 +17,11 @@ namespace {
 
 using nlohmann::json;
 
-FilmScene scene_of(const PhantomPatient& p) {
-  FilmScene scene;
-  scene.rig = phantom_rig(p);
-  scene.bow_surface = p.bow.surface;
-  scene.head_surface = p.head_frame.surface;
-  scene.bow_from_dental = p.bow_from_dental;
-  scene.head_from_dental = p.head_from_dental;
-  scene.camera_from_dental_at_rest = phantom_camera_from_dental_at_rest();
-  scene.therapeutic = p.therapeutic;
-  scene.condyle_left_mm = p.jaws.landmarks.condyle_left_mm;
-  scene.condyle_right_mm = p.jaws.landmarks.condyle_right_mm;
-  scene.incisal_point_mm = p.jaws.landmarks.lower_incisal_point_mm;
-  return scene;
-}
-
 Status film_session(const PhantomPatient& patient, std::uint64_t seed, const fs::path& folder,
                     Progress& progress) {
   FilmOptions options;
   options.seed = seed;
-  PhantomFilm film(scene_of(patient), options);
+  PhantomFilm film(film_scene(patient), options);
   GNATHION_TRY(const std::string rig, read_file(folder / "rig.toml"));
   return record(film, folder / "recording.mcap", {{"rig.toml", rig}}, film.frames_per_camera(), progress);
 }

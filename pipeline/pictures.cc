@@ -48,12 +48,12 @@ Status draw_section(const SplintInputs& in, const SplintDesign& d, double s_mm, 
                     const std::string& title, const fs::path& folder) {
   const SectionPlane plane = arch_section(d.arch, s_mm);
   const std::vector<PlotCurve> curves = {
+      curve_of("splint", palette::kSplint, 5.0, d.splint, plane),
       curve_of("maxilla", palette::kMaxilla, 2.0, in.maxilla, plane),
       curve_of("mandible in TP", palette::kMandible, 2.0, d.mandible_tp, plane),
       curve_of("inner surface", palette::kInner, 1.5, d.cavity, plane),
       curve_of("outer surface", palette::kOuter, 1.5, d.outer, plane),
-      curve_of("occlusal surface in TP", palette::kOcclusalTp, 1.5, d.occlusal_surface_tp, plane),
-      curve_of("splint", palette::kSplint, 3.0, d.splint, plane)};
+      curve_of("occlusal surface in TP", palette::kOcclusalTp, 1.5, d.occlusal_surface_tp, plane)};
   PlotOptions o;
   o.title = title;
   o.x_label = "buccal [mm]";

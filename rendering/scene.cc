@@ -33,9 +33,9 @@ void add_mesh(vtkRenderer& renderer, const SceneMesh& item) {
   vtkProperty* look = actor->GetProperty();
   look->SetColor(item.color[0], item.color[1], item.color[2]);
   look->SetOpacity(item.opacity);
-  look->SetAmbient(0.12);
-  look->SetDiffuse(0.80);
-  look->SetSpecular(0.22);
+  look->SetAmbient(0.2);
+  look->SetDiffuse(1.0);
+  look->SetSpecular(0.2);
   look->SetSpecularPower(25);
   look->SetInterpolationToPhong();
   renderer.AddActor(actor);
@@ -71,8 +71,8 @@ void add_lights(vtkRenderer& renderer) {
     light->SetIntensity(intensity);
     renderer.AddLight(light);
   };
-  add(-0.8, 1.0, 1.0, 0.85);
-  add(1.0, -0.2, 0.8, 0.30);
+  add(-0.8, 1.0, 1.0, 0.9);
+  add(1.0, -0.2, 1.0, 0.4);
 }
 
 void place_camera(vtkRenderer& renderer, const SceneView& view) {

@@ -1,0 +1,57 @@
+// Closest points, and each stage of a splint's design at 0.1 mm.
+#include <benchmark/benchmark.h>
+
+#include "core/mesh_query.h"
+#include "core/random.h"
+#include "core/time.h"
+#include "design/splint.h"
+#include "phantom/jaws.h"
+
+namespace gnathion {
+namespace {
+
+const PhantomJaws& jaws() {
+  static const PhantomJaws instance = make_phantom_jaws(3);
+  return instance;
+}
+
+void BM_ClosestPoint(benchmark::State& state) {
+  static const MeshQuery query(jaws().maxilla);
+  Random random(8);
+  std::vector<Vector3> points;
+  const auto& vertices = query.mesh().vertices_mm;
+  for (int i = 0; i < 10000; ++i)
+    points.push_back(vertices[random.below(static_cast<std::uint32_t>(vertices.size()))] + random.normal3());
+  std::size_t i = 0;
+  for (auto _ : state) benchmark::DoNotOptimize(query.signed_distance(points[i++ % points.size()]));
+}
+BENCHMARK(BM_ClosestPoint)->Unit(benchmark::kMicrosecond);
+
+/// One design; its stages' seconds and the peak memory stand as counters.
+void BM_Design(benchmark::State& state) {
+  SplintInputs in{jaws().maxilla, jaws().mandible_mi,
+                  Motion<Dental>(Rigid3::about_axis({0, 88, 35}, {1, 0, 0}, 0.05)), std::nullopt};
+  SplintParameters parameters;
+  parameters.voxel_mm = static_cast<double>(state.range(0)) / 1000.0;
+  SilentProgress silent;
+  for (auto _ : state) {
+    const auto design = design_splint(in, parameters, silent);
+    if (!design) {
+      state.SkipWithError(design.error().line().c_str());
+      return;
+    }
+    for (const auto& [stage, seconds] : design->timing_s) state.counters[stage + "_s"] = seconds;
+    state.counters["triangles"] = static_cast<double>(design->splint.triangles.size());
+  }
+  state.counters["peak_rss_mib"] = peak_rss_mib();
+}
+BENCHMARK(BM_Design)
+    ->ArgName("voxel_um")
+    ->Arg(300)
+    ->Arg(200)
+    ->Arg(100)
+    ->Unit(benchmark::kSecond)
+    ->Iterations(1);
+
+}  // namespace
+}  // namespace gnathion

@@ -1,0 +1,105 @@
+#!/usr/bin/env bash
+# The command line as a user meets it: exit codes, one line of error, nothing left behind. Usage: cli.sh GNATHION
+set -u
+gnathion=$1
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+failures=0
+
+# expect CODE PATTERN command...: exit code, one line on stderr that matches, and no output left behind.
+expect() {
+  local code=$1 pattern=$2
+  shift 2
+  "$@" >"$work/stdout" 2>"$work/stderr"
+  local got=$?
+  if [ "$got" -ne "$code" ]; then
+    echo "FAILED: exit $got, not $code: $*"; cat "$work/stderr"; failures=$((failures + 1)); return
+  fi
+  if [ -n "$pattern" ] && { [ "$(wc -l <"$work/stderr")" -ne 1 ] || ! grep -qE "$pattern" "$work/stderr"; }; then
+    echo "FAILED: stderr is not one line with '$pattern': $*"; cat "$work/stderr"; failures=$((failures + 1)); return
+  fi
+  if [ "$code" -ne 0 ] && [ -e "$work/out" ]; then
+    echo "FAILED: left an output behind: $*"; failures=$((failures + 1)); rm -rf "$work/out"
+  fi
+}
+
+design() { expect "$1" "$2" "$gnathion" design --quiet --maxilla "$3" --mandible "$4" --transform "$5" --out "$work/out"; }
+
+# A small closed box in the shape of nothing dental, and broken variants of files.
+python3 - "$work" <<'PY'
+import struct, sys
+work = sys.argv[1]
+def box(scale):
+    v = [(x * 60 * scale, y * 50 * scale, z * 15 * scale) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    f = [(0,2,1),(1,2,3),(4,5,6),(5,7,6),(0,1,4),(1,5,4),(2,6,3),(3,6,7),(0,4,2),(2,4,6),(1,3,5),(3,7,5)]
+    return struct.pack('<80xI', len(f)) + b''.join(
+        struct.pack('<12fH', 0, 0, 0, *v[a], *v[b], *v[c], 0) for a, b, c in f)
+def write(name, data):
+    open(work + '/' + name, 'wb').write(data)
+write('box.stl', box(1))
+write('metres.stl', box(0.001))
+write('micrometres.stl', box(1000))
+write('truncated.stl', box(1)[:-70])
+write('empty.stl', b'')
+write('nan.stl', box(1)[:84 + 12] + struct.pack('<f', float('nan')) + box(1)[84 + 16:])
+write('flat.stl', struct.pack('<80xI', 1) + struct.pack('<12fH', *([0.0] * 12), 0))
+write('garbage.ply', b'ply\nformat binary_little_endian 1.0\nelement vertex 99999999\nproperty float x\nend_header\nxx')
+write('identity.txt', b'1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n')
+write('scaled.txt', b'1.1 0 0 0 0 1.1 0 0 0 0 1.1 0 0 0 0 1\n')
+write('mirror.txt', b'-1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n')
+write('short.txt', b'1 0 0\n')
+write('not.mcap', b'this is not a recording')
+write('case.toml', b'[scans]\nmaxila_mi = "x"\n')
+PY
+id=$work/identity.txt box=$work/box.stl
+
+design 4 'absent.stl' "$work/absent.stl" "$box" "$id"
+design 4 'empty.stl.*empty' "$work/empty.stl" "$box" "$id"
+design 4 'truncated.stl.*truncated' "$work/truncated.stl" "$box" "$id"
+design 4 'nan.stl' "$work/nan.stl" "$box" "$id"
+design 4 'flat.stl' "$work/flat.stl" "$box" "$id"
+design 4 'garbage.ply' "$work/garbage.ply" "$box" "$id"
+design 4 'metres.stl.*metres' "$work/metres.stl" "$box" "$id"
+design 4 'micrometres.stl.*micrometres' "$work/micrometres.stl" "$box" "$id"
+design 4 'scaled.txt.*determinant 1.331' "$box" "$box" "$work/scaled.txt"
+design 4 'mirror.txt.*determinant -1' "$box" "$box" "$work/mirror.txt"
+design 4 'short.txt.*3 numbers' "$box" "$box" "$work/short.txt"
+design 4 'gnathion: ' "$box" "$box" "$id"   # two boxes are no jaws
+
+expect 2 'wrong usage' "$gnathion" frobnicate
+expect 2 'wrong usage' "$gnathion" design --maxilla "$box"
+expect 2 'voxel' "$gnathion" design --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out" --set design.voxel_mm=0
+expect 2 'no_such' "$gnathion" design --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out" --set design.no_such=1
+expect 4 'not.mcap' "$gnathion" recording info --quiet "$work/not.mcap"
+expect 4 'absent.mcap' "$gnathion" recording verify --quiet "$work/absent.mcap"
+expect 4 "maxila_mi" "$gnathion" run --quiet "$work"
+expect 0 '' "$gnathion" --help
+expect 0 '' "$gnathion" --version
+for command in demo phantom 'recording info' 'recording verify' 'recording recover' track 'calibrate chain' \
+  'transform scans' 'transform motion' check design run; do
+  expect 0 '' "$gnathion" $command --help
+  grep -q -- '--json' "$work/stdout" || { echo "FAILED: $command --help names no --json"; failures=$((failures + 1)); }
+done
+
+# Recordings: whole, cut, recovered.
+seed="$(dirname "$0")/../fuzz/corpus/recording/small"
+expect 0 '' "$gnathion" recording info --json --quiet "$seed"
+grep -q '"missing": 1' "$work/stdout" || { echo "FAILED: the ledger lost a lost frame"; failures=$((failures + 1)); }
+head -c 2000 "$seed" >"$work/cut.mcap"
+expect 4 'cut.mcap.*' "$gnathion" recording verify --quiet "$work/cut.mcap"
+
+# Real jaws, where they are.
+jaws=../shared/data/jaws
+if [ -d "$jaws" ]; then
+  expect 3 '' "$gnathion" design --quiet --json --maxilla $jaws/crowns/maxilla.stl --mandible $jaws/crowns/mandible_mi.stl \
+    --transform $jaws/crowns/transforms/90_impossible_up1.txt --out "$work/refused"
+  grep -q '"verdict": "not_realizable"' "$work/refused/design.json" && grep -q 'no_intersection' "$work/refused/design.json" ||
+    { echo "FAILED: a refusal without its reason"; failures=$((failures + 1)); }
+  expect 2 'exists' "$gnathion" design --quiet --maxilla $jaws/crowns/maxilla.stl --mandible $jaws/crowns/mandible_mi.stl \
+    --transform $jaws/crowns/transforms/01_open.txt --out "$work/refused"
+else
+  echo "SKIPPED: no real jaws in $jaws"
+fi
+
+[ "$failures" -eq 0 ] && echo "all command line checks passed"
+exit $((failures > 0))
