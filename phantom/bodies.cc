@@ -47,7 +47,8 @@ double PlateOnPost::united_with(double other_mm, const Vector3& p_mm) const {
 PhantomBody body_of(const char* name, const std::function<double(const Vector3&)>& solid, const Box& box,
                     const std::vector<TagPlate>& plates, double edge_mm) {
   PhantomBody body;
-  body.surface = without_islands(mesh_of_field(solid, box, edge_mm), 1000);
+  // Rims that follow a slanted profile make the field steeper than a distance.
+  body.surface = without_islands(mesh_of_field(solid, box, edge_mm, 1.8), 1000);
   body.tags.name = name;
   for (const TagPlate& plate : plates) body.tags.tags.push_back(tag_of(plate));
   return body;

@@ -34,8 +34,8 @@ double cranium(const FaceShape& s, const Vector3& p) {
 
 double brow_and_cheek(const FaceShape& s, const Vector3& p, double d) {
   const double brow = rod(p, {9, -9.5, 83}, {30, -7.0, 87.5}, 6.0 * s.brow, 5.6 * s.brow);
-  const double tail = rod(p, {30, -7.0, 87.5}, {52, 15, 80}, 5.6 * s.brow, 5.2);
-  d = unite(d, unite(brow, tail, 6), 13);
+  const double tail = rod(p, {30, -7.0, 87.5}, {50, 15, 79}, 5.6 * s.brow, 4.2);
+  d = unite(d, unite(brow, tail, 6), 15);
   const double zygoma = ellipsoid(p, {42, 16, 47}, {17 * s.cheek, 17.5, 13});
   const double arch = rod(p, {50, 28, 50}, {59.5, 66, 54}, 9, 7);
   d = unite(d, zygoma, 20);
@@ -71,12 +71,12 @@ double nose(const FaceShape& s, const Vector3& p, const Vector3& p_mirrored, dou
     return Vector3(q.x() / s.nose_width, q.y(), 70 + (q.z() - 70) / s.nose_length);
   };
   const Vector3 q = stretch(p), m = stretch(p_mirrored);
-  const double root = rod(q, {0, -2.5, 73}, {0, -11.5, 60}, 6.0, 6.4);
-  const double bridge = rod(q, {0, -11.5, 60}, {0, -21.5, 42}, 6.4, 7.4);
-  const double dorsum = rod(q, {0, -21.5, 42}, {0, -24.0, 34}, 7.4, 7.2);
-  const double flank = rod(m, {4, -4, 52}, {8.5, -8, 35}, 7, 8);
-  const double dome = sphere(m, {3.2, -24.6, 33.2}, 6.2);
-  const double ala = ellipsoid(m, {11.2, -13.6, 29.6}, {6.3, 8.6, 6.6});
+  const double root = rod(q, {0, -3.0, 73}, {0, -11.5, 60}, 5.6, 5.9);
+  const double bridge = rod(q, {0, -11.5, 60}, {0, -21.0, 42}, 5.9, 6.8);
+  const double dorsum = rod(q, {0, -21.0, 42}, {0, -24.0, 34}, 6.8, 6.9);
+  const double flank = rod(m, {4, -4, 56}, {8.5, -9, 36}, 7, 8.4);
+  const double dome = sphere(m, {3.0, -24.4, 33.4}, 5.9);
+  const double ala = ellipsoid(m, {10.6, -13.6, 29.4}, {5.8, 8.8, 6.2});
   const double columella = rod(q, {0, -25.5, 28.5}, {0, -13.5, 23.5}, 3.0, 3.4);
   double n = unite(root, bridge, 4);
   n = unite(n, dorsum, 4);
@@ -94,8 +94,10 @@ double nose(const FaceShape& s, const Vector3& p, const Vector3& p_mirrored, dou
 double upper_lip(const Vector3& p, double d) {
   const double muzzle = ellipsoid(p, {0, 6, 9}, {27, 20.5, 17});
   d = unite(d, muzzle, 9);
-  const double vermilion = unite(rod(p, {0, -12.2, 4.4}, {7, -12.6, 5.3}, 3.3, 3.5),
-                                 rod(p, {7, -12.6, 5.3}, {24.5, -1.6, 1.4}, 3.5, 1.9), 2);
+  const double bow = rod(p, {0, -12.2, 4.4}, {7, -12.6, 5.4}, 3.3, 3.5);
+  const double side = rod(p, {7, -12.6, 5.4}, {17, -9.0, 4.0}, 3.5, 3.0);
+  const double corner = rod(p, {17, -9.0, 4.0}, {26, -1.5, 1.8}, 3.0, 1.8);
+  const double vermilion = unite(unite(bow, side, 5), corner, 5);
   d = unite(d, vermilion, 2.2);
   const double tubercle = sphere(p, {0, -12.0, 2.6}, 3.4);
   d = unite(d, tubercle, 3);
