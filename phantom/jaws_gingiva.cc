@@ -32,7 +32,7 @@ Gingiva::Gingiva(const DentalArch& arch, std::uint64_t seed) : arch_(&arch), rid
       return t.to_tooth(contact).z() / t.crown.form().height_mm;
     };
     const double excess =
-        std::max(0.0, 0.5 * (height(a) + height(b)) - (arch.upper ? 0.52 : 0.6)) * a.crown.form().height_mm;
+        std::max(0.0, 0.5 * (height(a) + height(b)) - (arch.upper ? 0.57 : 0.62)) * a.crown.form().height_mm;
     papilla.tip_mm = contact + std::max(front ? 0.9 : 0.6, excess) * papilla.apical;
     const auto half = [](const PlacedTooth& t) {
       return 0.5 * (t.crown.form().buccal_mm[1] - t.crown.form().lingual_mm[1]);

@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kCuspReachMm = 1.8;        ///< a cusp's contacts lie this near to its tip, in plan view
 constexpr double kMostWaxMm = 1.4;          ///< no cusp is changed by more
+constexpr double kMostLevelMm = 0.7;        ///< no back tooth erupts or intrudes by more
 constexpr double kMostEruptionMm = 1.2;     ///< no front tooth erupts or intrudes by more
 constexpr double kFrontClearanceMm = 0.06;  ///< incisors just miss each other in MI; canines touch
 
@@ -96,10 +97,31 @@ void close(DentalArches& arches) {
   }
 }
 
+/// Each lower back tooth erupts or intrudes as a whole to where its functional cusps meet the upper jaw on
+/// the average, so that little is left for waxing.
+void level(DentalArches& arches) {
+  std::array<double, 14> erupted{};
+  for (int round = 0; round < 3; ++round) {
+    const Gaps gaps = measure(arches, 0.5);
+    for (int i = 0; i < 14; ++i) {
+      PlacedTooth& t = arches.lower.teeth[i];
+      const std::vector<int>& points = t.crown.form().functional_cusps;
+      if (points.empty()) continue;
+      double mean = 0.0;
+      for (const int point : points)
+        mean += gap_at(Cusp{&t, point}.tip(), gaps) / static_cast<double>(points.size());
+      const double change = std::clamp(0.8 * mean, -kMostLevelMm - erupted[i], kMostLevelMm - erupted[i]);
+      erupted[i] += change;
+      t.origin_mm.z() += change;
+    }
+  }
+}
+
 }  // namespace
 
 void settle_into_occlusion(DentalArches& arches) {
   close(arches);
+  level(arches);
   std::vector<Cusp> cusps = functional_cusps(arches);
   std::array<double, 14> erupted{};
   for (int round = 0; round < 12; ++round) {
