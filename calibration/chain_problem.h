@@ -32,11 +32,13 @@ struct SurfaceTerm {
   /// More than 0: patches of 10 mm whose mean residual is large against this (skin that has shifted as a
   /// whole) lose their weight, however small the single residuals are against the noise.
   double patch_scale_mm = 0.0;
-  /// Scanners whose scale the samples and the surface carry (index into scale sigmas), −1: none (CAD).
+  /// Scanners whose scale the samples and the surface carry (index into scale sigmas), −1: none (CAD). A scan
+  /// is (1 + s) times too large about its centre; s is estimated along, with the scanner's sigma as prior.
   int scanner = -1, surface_scanner = -1;
   Vector3 scale_centre_mm = Vector3::Zero(), surface_scale_centre_mm = Vector3::Zero();
 
   // Results.
+  double source_scale = 0.0, surface_scale = 0.0;  ///< s of the samples' and the surface's scanner
   std::vector<PlanePair> pairs;
   double scale_mm = 0.0;
   ResidualNoise noise;
@@ -48,6 +50,7 @@ void set_samples(SurfaceTerm& term, const SurfaceSamples& all);
 
 struct ChainSolution {
   std::vector<Rigid3> poses;
+  std::vector<double> scales;  ///< s of each scanner
   Eigen::MatrixXd
       covariance;  ///< of all poses' left perturbations, 6 each, correlated noise and scale included
 };

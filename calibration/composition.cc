@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "calibration/chain_derived.h"
+#include "calibration/chain_problem.h"
 #include "registration/align.h"
 
 namespace gnathion {
@@ -40,15 +41,28 @@ Matrix6 own_covariance(const TherapeuticEstimate& e, const Matrix6& shared) {
          solver.eigenvectors().transpose();
 }
 
-ChainPose pose_of(const Alignment& a) {
+ChainPose pose_of(const Alignment& first, const SurfaceTerm& term, const Rigid3& value,
+                  const Matrix6& covariance) {
   ChainPose pose;
-  pose.value = a.target_from_source;
-  pose.covariance = a.covariance;
-  pose.rms_mm = a.rms_mm;
-  pose.held_out_mm = a.held_out_mm;
-  pose.condition = a.condition;
-  pose.weak = a.weak;
+  pose.value = value;
+  pose.covariance = symmetric(covariance);
+  pose.rms_mm = term.rms_mm;
+  pose.held_out_mm = term.held_out_mm;
+  pose.condition = first.condition;
+  pose.weak = first.weak;
   return pose;
+}
+
+SurfaceTerm arch_term(const char* name, const TriangleMesh& scan, const MeshQuery& surface,
+                      std::uint64_t seed) {
+  SurfaceTerm term;
+  term.name = name;
+  term.surface = &surface;
+  const std::vector<bool> all(scan.triangles.size(), true);
+  set_samples(term, sample_surface(scan, all, 10000, seed));
+  term.scale_centre_mm = surface_centroid_mm(scan);
+  term.surface_scale_centre_mm = surface_centroid_mm(surface.mesh());
+  return term;
 }
 
 }  // namespace
@@ -144,23 +158,39 @@ Result<TwoScanResult> therapeutic_from_scans(const TriangleMesh& maxilla_mi, con
   AlignOptions align;
   align.noise_mm = 0.03;
   align.gate_mm = 1.0;
-  align.scale_sigma = std::sqrt(2.0) * options.scan_scale_sigma;  // of either session
+  align.points = 2000;
   align.seed = options.seed;
 
-  progress.begin_step("upper arches", 0.5);
+  progress.begin_step("upper arches", 0.4);
   align.name = "maxilla in TP on maxilla in MI";
   GNATHION_TRY(const Alignment upper, align_surfaces(maxilla_tp, maxilla_mi, align));
-  progress.begin_step("lower arches", 0.5);
+  progress.begin_step("lower arches", 0.4);
   align.name = "mandible in MI on mandible in TP";
   GNATHION_TRY(const Alignment lower, align_surfaces(mandible_mi, mandible_tp, align));
 
-  // L_th = T·L1 with T by the upper arches; T_th brings L0 there.
+  // Both together: the two sessions' scales are common to upper and lower arch.
+  progress.begin_step("both arches together", 0.2);
+  enum Session { kMi = 0, kTp };
+  const MeshQuery maxilla(maxilla_mi), mandible(mandible_tp);
+  std::vector<SurfaceTerm> terms = {arch_term("upper arches", maxilla_tp, maxilla, options.seed),
+                                    arch_term("lower arches", mandible_mi, mandible, options.seed + 1)};
+  terms[0].scanner = terms[1].surface_scanner = kTp;
+  terms[0].surface_scanner = terms[1].scanner = kMi;
+  terms[1].right = 1;
+  GNATHION_TRY(const ChainSolution solution,
+               solve_poses({upper.target_from_source, lower.target_from_source}, terms,
+                           {options.scan_scale_sigma, options.scan_scale_sigma}));
+
+  // L_th = T·L1 with T by the upper arches; T_th brings L0 there. Left perturbations: U by itself, L through
+  // Ad_U.
   TwoScanResult result;
-  result.dental_from_intraoral_tp = pose_of(upper);
-  result.mandible = pose_of(lower);
-  result.therapeutic.value = Motion<Dental>(upper.target_from_source * lower.target_from_source);
-  result.therapeutic.covariance =
-      symmetric(composed_covariance(upper.covariance, upper.target_from_source, lower.covariance));
+  const Rigid3 &u = solution.poses[0], &l = solution.poses[1];
+  result.dental_from_intraoral_tp = pose_of(upper, terms[0], u, solution.covariance.topLeftCorner<6, 6>());
+  result.mandible = pose_of(lower, terms[1], l, solution.covariance.bottomRightCorner<6, 6>());
+  Eigen::Matrix<double, 6, 12> jacobian;
+  jacobian << Matrix6::Identity(), adjoint(u);
+  result.therapeutic.value = Motion<Dental>(u * l);
+  result.therapeutic.covariance = symmetric(jacobian * solution.covariance * jacobian.transpose());
   return result;
 }
 

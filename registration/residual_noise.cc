@@ -144,25 +144,32 @@ ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& 
 
 namespace {
 
-using Matrix63 = Eigen::Matrix<double, 6, 3>;
+using Score = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, 8, 1>;
+using ScoreByAxis = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, 8, 3>;
 
 /// The scores of a patch much smaller than ℓ, where the correlated noise is one number.
 struct Cell {
   Vector3 sum_mm = Vector3::Zero();
   double count = 0.0;
-  Vector6 score = Vector6::Zero();
-  Matrix63 by_axis = Matrix63::Zero();
+  Score score;
+  ScoreByAxis by_axis;
 };
 
-std::vector<Cell> cells_of(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                           double size_mm) {
+std::vector<Cell> cells_of(const std::vector<PlanePair>& pairs, const ScoreRows& rows, double size_mm) {
   for (;; size_mm *= 1.3) {
     std::map<std::tuple<long, long, long>, Cell> cells;
-    for (const PlanePair& p : pairs) {
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      const PlanePair& p = pairs[i];
       if (!(p.weight > 0.0)) continue;
       const Vector3 at = (p.target_mm / size_mm).array().floor();
-      Cell& cell = cells[{std::lround(at.x()), std::lround(at.y()), std::lround(at.z())}];
-      const Vector6 j = p.weight * p.jacobian(target_from_source);
+      const auto [it, fresh] =
+          cells.try_emplace({std::lround(at.x()), std::lround(at.y()), std::lround(at.z())});
+      Cell& cell = it->second;
+      if (fresh) {
+        cell.score = Score::Zero(rows.rows());
+        cell.by_axis = ScoreByAxis::Zero(rows.rows(), 3);
+      }
+      const Score j = p.weight * rows.col(static_cast<long>(i));
       cell.sum_mm += p.target_mm;
       cell.count += 1.0;
       cell.score += j;
@@ -176,12 +183,13 @@ std::vector<Cell> cells_of(const std::vector<PlanePair>& pairs, const Rigid3& ta
 }
 
 /// Of unit noise with range ℓ.
-Matrix6 correlated_score(const std::vector<Cell>& cells, double length_mm, bool vector_field) {
-  Matrix6 sum = Matrix6::Zero();
-  for (std::size_t a = 0; a < cells.size(); ++a) {
-    const Vector3 at = cells[a].sum_mm / cells[a].count;
-    Vector6 score = Vector6::Zero();
-    Matrix63 by_axis = Matrix63::Zero();
+Eigen::MatrixXd correlated_score(const std::vector<Cell>& cells, long unknowns, double length_mm,
+                                 bool vector_field) {
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(unknowns, unknowns);
+  for (const Cell& a : cells) {
+    const Vector3 at = a.sum_mm / a.count;
+    Score score = Score::Zero(unknowns);
+    ScoreByAxis by_axis = ScoreByAxis::Zero(unknowns, 3);
     for (const Cell& b : cells) {
       const double u = (at - b.sum_mm / b.count).squaredNorm() / (2.0 * length_mm * length_mm);
       if (u > 9.0) continue;
@@ -193,9 +201,9 @@ Matrix6 correlated_score(const std::vector<Cell>& cells, double length_mm, bool 
       }
     }
     if (vector_field) {
-      sum += cells[a].by_axis * by_axis.transpose();
+      sum += a.by_axis * by_axis.transpose();
     } else {
-      sum += cells[a].score * score.transpose();
+      sum += a.score * score.transpose();
     }
   }
   return 0.5 * (sum + sum.transpose());
@@ -203,16 +211,17 @@ Matrix6 correlated_score(const std::vector<Cell>& cells, double length_mm, bool 
 
 }  // namespace
 
-Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                         const ResidualNoise& noise) {
-  Matrix6 white = Matrix6::Zero();
-  for (const PlanePair& p : pairs) {
-    const Vector6 j = p.weight * p.jacobian(target_from_source);
+Eigen::MatrixXd score_covariance(const std::vector<PlanePair>& pairs, const ScoreRows& rows,
+                                 const ResidualNoise& noise) {
+  const long n = rows.rows();
+  Eigen::MatrixXd white = Eigen::MatrixXd::Zero(n, n);
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    const Score j = pairs[i].weight * rows.col(static_cast<long>(i));
     white += j * j.transpose();
   }
   // One correlated part for each range and kind, with the variance that all models together give it.
   std::map<std::pair<double, bool>, double> variances;
-  Matrix6 total = Matrix6::Zero();
+  Eigen::MatrixXd total = Eigen::MatrixXd::Zero(n, n);
   for (const ResidualNoise::Model& m : noise.models) {
     total += m.probability * m.white_sigma_mm * m.white_sigma_mm * white;
     if (m.correlated_sigma_mm > 0.0) {
@@ -220,15 +229,24 @@ Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& targ
           m.probability * m.correlated_sigma_mm * m.correlated_sigma_mm;
     }
   }
-  std::vector<std::pair<std::pair<double, bool>, double>> parts(variances.begin(), variances.end());
-  std::vector<Matrix6> sums(parts.size(), Matrix6::Zero());
+  const std::vector<std::pair<std::pair<double, bool>, double>> parts(variances.begin(), variances.end());
+  std::vector<Eigen::MatrixXd> sums(parts.size());
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t i) {
     const auto& [length_mm, vector_field] = parts[i].first;
     sums[i] = parts[i].second *
-              correlated_score(cells_of(pairs, target_from_source, length_mm / 3.0), length_mm, vector_field);
+              correlated_score(cells_of(pairs, rows, length_mm / 3.0), n, length_mm, vector_field);
   });
-  for (const Matrix6& s : sums) total += s;
+  for (const Eigen::MatrixXd& s : sums) total += s;
   return total;
+}
+
+Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                         const ResidualNoise& noise) {
+  ScoreRows rows(6, static_cast<long>(pairs.size()));
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    rows.col(static_cast<long>(i)) = pairs[i].jacobian(target_from_source);
+  }
+  return score_covariance(pairs, rows, noise);
 }
 
 Vector6 source_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
@@ -237,15 +255,6 @@ Vector6 source_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& ta
   for (const PlanePair& p : pairs) {
     const double change = p.normal.dot(target_from_source.rotation * (p.source_mm - centre_mm));
     score += p.weight * change * p.jacobian(target_from_source);
-  }
-  return score;
-}
-
-Vector6 target_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                           const Vector3& centre_mm) {
-  Vector6 score = Vector6::Zero();
-  for (const PlanePair& p : pairs) {
-    score -= p.weight * p.normal.dot(p.target_mm - centre_mm) * p.jacobian(target_from_source);
   }
   return score;
 }

@@ -38,14 +38,14 @@ ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& 
 /// of them.
 Matrix6 score_covariance(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
                          const ResidualNoise& noise);
+/// The same for any Jacobians: a column of `rows` for each pair, at most 8 unknowns.
+using ScoreRows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 8>;
+Eigen::MatrixXd score_covariance(const std::vector<PlanePair>& pairs, const ScoreRows& rows,
+                                 const ResidualNoise& noise);
 
 /// Σ w J ∂r/∂s for a source that is (1 + s) too large about `centre_mm` (source frame).
 Vector6 source_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
                            const Vector3& centre_mm);
-/// The same for the target about `centre_mm` (target frame).
-Vector6 target_scale_score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                           const Vector3& centre_mm);
-
 /// How well the information determines the pose: lengths scaled by the cloud's radius, about its centroid.
 struct Conditioning {
   double condition = 0.0;
