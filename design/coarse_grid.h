@@ -60,7 +60,8 @@ class CoarseGrid {
   std::vector<float> values_;
 };
 
-/// min over z' ≤ z of f(z') + slope·(z − z'): the solid swept towards the gingiva; `slope` erodes the sweep.
+/// min over z' ≤ z of f(z') + slope·(z − z'): the solid swept towards the gingiva. `slope` = sin δ gives the
+/// sweep's side walls the draft δ.
 CoarseGrid swept_up(const CoarseGrid& f, double slope = 0.0);
 /// min over z' ≥ z: swept away from the gingiva.
 CoarseGrid swept_down(const CoarseGrid& f);

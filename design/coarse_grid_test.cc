@@ -48,17 +48,18 @@ TEST(CoarseGrid, SweptBallIsACapsule) {
   const CoarseGrid down = swept_down(ball);
   at_points(4.5, [&](const Vector3& p) {
     const double wall = std::hypot(p.x(), p.y()) - 2.0;
-    if (wall < -1.5) return;  // the axis: no distance there
+    if (wall < -1.2) return;  // near the axis: no distance there
     EXPECT_NEAR(up.linear(p), p.z() > 0 ? wall : p.norm() - 2.0, 0.03) << p.transpose();
     EXPECT_NEAR(down.linear(p), p.z() < 0 ? wall : p.norm() - 2.0, 0.03) << p.transpose();
   });
 }
 
 TEST(CoarseGrid, DraftNarrowsTheSweep) {
-  const CoarseGrid up = swept_up(sampled(cube(), [](const Vector3& p) { return p.norm() - 3.0; }), 1.0);
-  // At 45° the outline loses the height, by distance: rounded ball below, cone above.
-  EXPECT_LT(up.linear({0.0, 0.0, 2.0}), 0.0);
-  EXPECT_NEAR(up.linear({2.9, 0.0, 3.0}), (2.9 - 3.0) + 3.0, 0.1);
+  const CoarseGrid up = swept_up(sampled(cube(), [](const Vector3& p) { return p.norm() - 3.0; }), 0.6);
+  // sin δ = 0.6: the ball of radius 3 goes over into a cone with walls at δ to the axis, 0.8 ρ + 0.6 z = 3.
+  for (const double rho : {0.5, 1.0, 1.5, 2.0})
+    EXPECT_NEAR(up.linear({rho, 0.0, (3.0 - 0.8 * rho) / 0.6}), 0.0, 0.06) << rho;
+  EXPECT_NEAR(up.linear({0.0, 2.0, -3.0}), std::sqrt(13.0) - 3.0, 0.03);
 }
 
 TEST(CoarseGrid, RedistancedIsADistance) {
@@ -76,8 +77,10 @@ TEST(CoarseGrid, ClosingFillsTheGrooveAndLeavesTheRest) {
     return std::min((p - Vector3(1.6, 0, 0)).norm(), (p + Vector3(1.6, 0, 0)).norm()) - 2.0;
   });
   const CoarseGrid filled = closed(balls, 1.5);
-  EXPECT_GT(balls.linear({0, 0, 1.6}), 0.2);
-  EXPECT_LT(filled.linear({0, 0, 1.6}), 0.0);
+  // Fillet of a ball of 1.5 that touches both: its centre is at ρ = √(3.5² − 1.6²).
+  const double fillet = std::sqrt(3.5 * 3.5 - 1.6 * 1.6) - 1.5;
+  EXPECT_GT(balls.linear({0, 0, fillet}), 0.2);
+  EXPECT_NEAR(filled.linear({0, 0, fillet}), 0.0, 0.1);
   EXPECT_NEAR(filled.linear({3.6, 0, 0}), 0.0, 0.1);
   EXPECT_NEAR(filled.linear({1.6, 2.0, 0}), 0.0, 0.1);
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "design/parallel.h"
+#include "design/solid_distance.h"
 
 namespace gnathion {
 namespace {
@@ -22,7 +23,7 @@ void sample_block(const GridShape& shape, const Eigen::Vector3i& low, const Mesh
   for (int i = low.x(); i < high.x(); ++i)
     for (int j = low.y(); j < high.y(); ++j)
       for (int k = low.z(); k < high.z(); ++k) {
-        const auto found = solid.signed_distance(mesh_from_design * shape.position(i, j, k), reach_mm);
+        const auto found = solid_distance(solid, mesh_from_design * shape.position(i, j, k), reach_mm);
         if (!found) continue;
         distance.at(i, j, k) = static_cast<float>(found->distance_mm);
         known[shape.index(i, j, k)] = 1;

@@ -189,8 +189,8 @@ class Extractor {
             Index other = node;
             other[axis] += 1;
             const std::ptrdiff_t o = slot(other);
-            if (o == kNone) continue;
-            const double there = values_[static_cast<std::size_t>(o)];
+            // Beyond the box, and in cells that are not visited, all is outside.
+            const double there = o == kNone ? 1.0 : values_[static_cast<std::size_t>(o)];
             if ((here < 0.0) == (there < 0.0)) continue;
             const double t = std::clamp(here / (here - there), kEndMargin, 1.0 - kEndMargin);
             vertex_[static_cast<std::size_t>(s) * 3 + static_cast<std::size_t>(axis)] =

@@ -66,7 +66,7 @@ TEST(LargestPiece, DropsIslandsAndVoids) {
   const LargestPiece piece = largest_piece(extracted_surface(f, box(7.0, 0.4), 2));
   EXPECT_EQ(piece.dropped_voids, 1u);
   EXPECT_EQ(piece.dropped_islands, 1u);
-  EXPECT_NEAR(piece.largest_island_mm3, 4.0 / 3.0 * M_PI * 0.512, 0.05);
+  EXPECT_NEAR(piece.largest_island_mm3, 4.0 / 3.0 * M_PI * 0.512, 0.12);
   EXPECT_EQ(mesh_topology(piece.mesh).components, 1u);
   EXPECT_NEAR(signed_volume_mm3(piece.mesh), 4.0 / 3.0 * M_PI * 64.0, 1.0);
 }

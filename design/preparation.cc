@@ -12,7 +12,8 @@ namespace {
 
 constexpr double kCoarseMm = 0.3;
 constexpr double kBandHalfWidthMm = 9.0;  // crowns lie this near to the arch curve
-constexpr int kNormalRadiusRings = 2;     // smoothing passes of the normals that tell stops from walls
+constexpr double kFragmentShare = 0.02;
+constexpr int kNormalRadiusRings = 2;  // smoothing passes of the normals that tell stops from walls
 
 std::vector<Vector3> smoothed_normals(const TriangleMesh& mesh) {
   std::vector<Vector3> normals = vertex_normals(mesh);
@@ -26,6 +27,25 @@ std::vector<Vector3> smoothed_normals(const TriangleMesh& mesh) {
     }
   }
   return normals;
+}
+
+/// Without loose fragments: pieces of less than 2 % of the surface, which scanners leave inside and beside
+/// teeth.
+TriangleMesh without_fragments(const TriangleMesh& mesh, const std::string& name,
+                               std::vector<std::string>& warnings) {
+  std::size_t count = 0;
+  const std::vector<std::uint32_t> piece = triangle_components(mesh, &count);
+  std::vector<double> area(count, 0.0);
+  for (std::size_t t = 0; t < piece.size(); ++t) area[piece[t]] += 0.5 * face_normal_scaled(mesh, t).norm();
+  double total = 0.0;
+  for (const double a : area) total += a;
+  std::vector<bool> keep(piece.size());
+  for (std::size_t t = 0; t < keep.size(); ++t) keep[t] = area[piece[t]] >= kFragmentShare * total;
+  const auto dropped =
+      std::count_if(area.begin(), area.end(), [&](double a) { return a < kFragmentShare * total; });
+  if (dropped == 0) return mesh;
+  warnings.push_back(fmt::format("{}: {} loose fragments left out", name, dropped));
+  return submesh(mesh, keep);
 }
 
 /// Crown vertices: near the arch curve and no deeper than `depth_mm` behind the local level.
@@ -70,12 +90,12 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
   const Rigid3 design_from_dental = arch.arch_from_dental;
   const Rigid3 therapeutic = design_from_dental * inputs.therapeutic.rigid * design_from_dental.inverse();
-  std::vector<std::string> holes;
-  TriangleMesh maxilla =
-      closed_to_solid(transformed(design_from_dental, inputs.maxilla), Vector3::UnitZ(), &holes);
+  std::vector<std::string> warnings, holes;
+  const TriangleMesh upper = without_fragments(inputs.maxilla, "maxilla", warnings);
+  const TriangleMesh lower = without_fragments(inputs.mandible_mi, "mandible", warnings);
+  TriangleMesh maxilla = closed_to_solid(transformed(design_from_dental, upper), Vector3::UnitZ(), &holes);
   TriangleMesh mandible = transformed(
-      therapeutic,
-      closed_to_solid(transformed(design_from_dental, inputs.mandible_mi), -Vector3::UnitZ(), nullptr));
+      therapeutic, closed_to_solid(transformed(design_from_dental, lower), -Vector3::UnitZ(), nullptr));
   OcclusalMap level(maxilla, arch, design_from_dental);
   const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm)));
   const GridShape coarse =
@@ -83,7 +103,6 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
     return bad_input("cannot design", "maxilla", "no crowns found near the arch curve");
   std::vector<Vector3> normals = smoothed_normals(maxilla);
-  std::vector<std::string> warnings;
   for (const std::string& hole : holes) warnings.push_back("maxilla: " + hole);
   return Preparation{std::move(arch),
                      design_from_dental,

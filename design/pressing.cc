@@ -3,11 +3,13 @@
 #include <algorithm>
 
 #include "design/parallel.h"
+#include "design/solid_distance.h"
 
 namespace gnathion {
 namespace {
 
 constexpr double kReachMm = 0.15;
+constexpr double kVertexReachMm = 0.4;  // a crest's tip between the grid's nodes
 constexpr int kRounds = 4;
 
 struct Push {
@@ -19,7 +21,7 @@ struct Push {
 
 /// The way out of the solid, or zero.
 Vector3 way_out(const Vector3& p, const MeshQuery& solid, double tolerance_mm) {
-  const auto d = solid.signed_distance(p, kReachMm);
+  const auto d = solid_distance(solid, p, kReachMm);
   if (!d || d->distance_mm >= -tolerance_mm) return Vector3::Zero();
   return d->closest.point_mm - p;
 }
@@ -56,7 +58,7 @@ void push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double 
   parallel_each(vertices.size(), [&](std::size_t v) {
     const Vector3& p = vertices[v];
     if ((p.array() < box.min_mm.array()).any() || (p.array() > box.max_mm.array()).any()) return;
-    const auto d = splint.signed_distance(p, kReachMm);
+    const auto d = splint.signed_distance(p, kVertexReachMm);
     if (d && d->distance_mm < -tolerance_mm) hits[v] = {d->closest.triangle, -d->distance_mm};
   });
   for (std::size_t v = 0; v < hits.size(); ++v)
@@ -95,7 +97,7 @@ std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, d
     std::vector<Push> pushes(splint.vertices_mm.size());
     for (const MeshQuery* jaw : {&maxilla, &mandible})
       push_triangles(splint, todo, *jaw, tolerance_mm, pushes);
-    if (round == 0) {
+    if (round < 2) {
       const MeshQuery query(splint);
       for (const MeshQuery* jaw : {&maxilla, &mandible})
         push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes);

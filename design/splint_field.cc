@@ -8,6 +8,7 @@
 #include "design/blockout.h"
 #include "design/distances.h"
 #include "design/shells.h"
+#include "design/solid_distance.h"
 #include "design/stamp.h"
 
 namespace gnathion {
@@ -164,14 +165,14 @@ FieldTerms SplintField::exact(const Vector3& p) const {
   const bool film = std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
   const auto reach = [](double estimate) { return std::min(kReachMm, std::abs(estimate) + kEstimateMm); };
   if (std::abs(rough.cavity) < kEstimateMm || film) {
-    if (const auto d = prep_.maxilla.signed_distance(p, reach(in.maxilla))) {
+    if (const auto d = solid_distance(prep_.maxilla, p, reach(in.maxilla))) {
       in.maxilla = d->distance_mm;
       in.gap = seat_gap_mm(d->closest);
     }
   }
   if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
-    if (const auto d = prep_.mandible.signed_distance(p, reach(in.mandible))) in.mandible = d->distance_mm;
-    if (const auto d = prep_.maxilla.signed_distance(natural_from_tp_ * p, reach(in.stamp)))
+    if (const auto d = solid_distance(prep_.mandible, p, reach(in.mandible))) in.mandible = d->distance_mm;
+    if (const auto d = solid_distance(prep_.maxilla, natural_from_tp_ * p, reach(in.stamp)))
       in.stamp = d->distance_mm;
   }
   return compose(p, in);

@@ -27,7 +27,7 @@ CoarseGrid stamp_body(const CoarseGrid& stamp, const Preparation& preparation, c
         v = std::max({v, static_cast<float>(above), static_cast<float>(beside)});
       }
   });
-  return swept_up(tops, std::tan(p.draft_deg * M_PI / 180.0));
+  return swept_up(tops, std::sin(p.draft_deg * M_PI / 180.0));
 }
 
 CoarseGrid joined_body(const CoarseGrid& shell, const CoarseGrid& stamp, const CoarseGrid& mandible,

@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "design/parallel.h"
+#include "design/solid_distance.h"
 #include "design/verification_steps.h"
 
 namespace gnathion {
@@ -12,7 +13,7 @@ constexpr double kReachMm = 0.2;  // a surface that goes deeper passes through t
 double deepest(const std::vector<Vector3>& points, const MeshQuery& solid) {
   std::vector<double> depth(points.size(), 0.0);
   parallel_each(points.size(), [&](std::size_t i) {
-    if (const auto d = solid.signed_distance(points[i], kReachMm)) depth[i] = std::max(0.0, -d->distance_mm);
+    if (const auto d = solid_distance(solid, points[i], kReachMm)) depth[i] = std::max(0.0, -d->distance_mm);
   });
   return points.empty() ? 0.0 : *std::max_element(depth.begin(), depth.end());
 }
