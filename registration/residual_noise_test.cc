@@ -63,7 +63,7 @@ TEST(ResidualNoise, ScoreCovarianceMatchesRepeatedFits) {
     if (run == 0) {
       ResidualNoise known;
       known.models.push_back({1.0, 0.02, 0.03, 9.0, false});
-      stated = bread * score_covariance(pairs, {}, known) * bread;
+      stated = bread * score_covariance(pairs, Rigid3::identity(), known) * bread;
     }
   }
   // 200 runs: each variance is known to 10 % (1σ).
