@@ -35,6 +35,8 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
   command->add_option("--bow-model", o->files.bow_model, "the bow's CAD surface")->required();
   command->add_option("--face-mi", o->files.face_mi, "face scan with the bow in MI");
   command->add_option("--face-tp", o->files.face_tp, "face scan with the bow in TP");
+  command->add_option("--head-frame-model", o->files.head_frame_model,
+                      "the head frame's CAD surface, worn in both face scans");
   command->add_option("--out", o->out, "chain.json")->required();
   finish_command(*command, chosen,
                  [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {

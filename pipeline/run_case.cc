@@ -37,8 +37,8 @@ Status solve_chain_of(const CaseFile& files, const fs::path& out, CaseResults& r
   GNATHION_CHECK_OK(need(files.mandible_clutch, files, "mandible_clutch"));
   GNATHION_CHECK_OK(need(files.bow_model, files, "bow"));
   NestedProgress solving(progress, "registering scans, solving the chain", 0.25);
-  const ChainFiles chain_files{files.mandible_mi, files.mandible_clutch, files.bow_model, files.face_mi,
-                               files.face_tp};
+  const ChainFiles chain_files{files.mandible_mi, files.mandible_clutch, files.bow_model,
+                               files.face_mi,     files.face_tp,         files.head_frame_model};
   GNATHION_TRY(const ChainScans scans, read_chain_scans(chain_files));
   GNATHION_TRY(r.chain, solve_chain(scans, {}, solving));
   return write_json(out / "chain.json", chain_json(r.chain));

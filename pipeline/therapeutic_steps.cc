@@ -36,6 +36,9 @@ Result<ChainScans> read_chain_scans(const ChainFiles& files) {
   if (!files.face_mi.empty()) {
     GNATHION_TRY(scans.face_mi, read_mesh(files.face_mi));
     GNATHION_TRY(scans.face_tp, read_mesh(files.face_tp));
+    if (!files.head_frame_model.empty()) {
+      GNATHION_TRY(scans.head_frame_model, read_mesh(files.head_frame_model));
+    }
   }
   return scans;
 }

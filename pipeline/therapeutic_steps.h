@@ -16,9 +16,10 @@
 
 namespace gnathion {
 
-/// Files of solve_chain's scans; both face scans or none.
+/// Files of solve_chain's scans; both face scans or none. The head frame's model steadies the head between
+/// the face scans, where soft tissue does not.
 struct ChainFiles {
-  std::filesystem::path mandible_mi, clutch_scan, bow_model, face_mi, face_tp;
+  std::filesystem::path mandible_mi, clutch_scan, bow_model, face_mi, face_tp, head_frame_model;
 };
 Result<ChainScans> read_chain_scans(const ChainFiles& files);
 
