@@ -168,7 +168,7 @@ Result<JawMotion> parse_motion_csv(const std::string& text, const std::string& n
     }
     if (!header) {
       if (line.substr(0, line.find('\r')) != kColumns) {
-        return bad_input(what, where, std::string("the header is not ") + kColumns);
+        return bad_input(what, where, fmt::format("the header is not {}", kColumns));
       }
       header = true;
       continue;
@@ -176,7 +176,7 @@ Result<JawMotion> parse_motion_csv(const std::string& text, const std::string& n
     GNATHION_TRY(JawMotionRow row, parse_row(line, where));
     motion.rows.push_back(std::move(row));
   }
-  if (!header) return bad_input(what, name, std::string("no header ") + kColumns);
+  if (!header) return bad_input(what, name, fmt::format("no header {}", kColumns));
   return motion;
 }
 
