@@ -29,6 +29,22 @@ std::vector<Vector3> smoothed_normals(const TriangleMesh& mesh) {
   return normals;
 }
 
+/// How far the faces about each convex vertex turn away from its normal: 0 up to 32°, 1 from 60° on.
+std::vector<double> sharpness(const TriangleMesh& mesh) {
+  const std::vector<Vector3> at_vertex = vertex_normals(mesh), at_face = face_normals(mesh);
+  std::vector<double> least(at_vertex.size(), 1.0), bulge(at_vertex.size(), 0.0);
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
+    for (int k = 0; k < 3; ++k) {
+      const std::uint32_t v = mesh.triangles[t][static_cast<std::size_t>(k)];
+      least[v] = std::min(least[v], at_face[t].dot(at_vertex[v]));
+      bulge[v] += at_vertex[v].dot(2.0 * mesh.corner(t, k) - mesh.corner(t, (k + 1) % 3) -
+                                   mesh.corner(t, (k + 2) % 3));
+    }
+  for (std::size_t v = 0; v < least.size(); ++v)
+    least[v] = bulge[v] > 0.0 ? std::clamp((0.85 - least[v]) / 0.35, 0.0, 1.0) : 0.0;
+  return least;
+}
+
 /// Without loose fragments: pieces of less than 2 % of the surface, which scanners leave inside and beside
 /// teeth.
 TriangleMesh without_fragments(const TriangleMesh& mesh, const std::string& name,
@@ -103,6 +119,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
     return bad_input("cannot design", "maxilla", "no crowns found near the arch curve");
   std::vector<Vector3> normals = smoothed_normals(maxilla);
+  std::vector<double> sharp = sharpness(maxilla);
   for (const std::string& hole : holes) warnings.push_back("maxilla: " + hole);
   return Preparation{std::move(arch),
                      design_from_dental,
@@ -110,6 +127,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                      MeshQuery(std::move(maxilla)),
                      MeshQuery(std::move(mandible)),
                      std::move(normals),
+                     std::move(sharp),
                      std::move(level),
                      coarse,
                      refinement,

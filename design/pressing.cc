@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kReachMm = 0.15;
 constexpr double kVertexReachMm = 0.4;  // a crest's tip between the grid's nodes
-constexpr int kRounds = 4;
+constexpr int kRounds = 6;
 
 struct Push {
   Vector3 by_mm = Vector3::Zero();
@@ -44,37 +44,48 @@ void push_triangles(const TriangleMesh& mesh, const std::vector<std::uint32_t>& 
     }
 }
 
-/// Vertices of the jaw inside the splint push the triangle that they pierced along their own normal.
-void push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double tolerance_mm,
+/// Vertices of the jaw inside the splint push the triangle that they pierced along their own normal. Returns
+/// whether there were any.
+bool push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double tolerance_mm,
                           std::vector<Push>& pushes) {
   const auto& vertices = jaw.mesh().vertices_mm;
   const std::vector<Vector3> normals = vertex_normals(jaw.mesh());
   const Box box = bounding_box(splint.mesh());
   struct Hit {
     std::uint32_t triangle = 0;
-    double depth = 0.0;
+    Vector3 by_mm = Vector3::Zero();
   };
   std::vector<Hit> hits(vertices.size());
   parallel_each(vertices.size(), [&](std::size_t v) {
     const Vector3& p = vertices[v];
     if ((p.array() < box.min_mm.array()).any() || (p.array() > box.max_mm.array()).any()) return;
     const auto d = splint.signed_distance(p, kVertexReachMm);
-    if (d && d->distance_mm < -tolerance_mm) hits[v] = {d->closest.triangle, -d->distance_mm};
+    if (d && d->distance_mm < -tolerance_mm) hits[v] = {d->closest.triangle, -d->distance_mm * normals[v]};
   });
-  for (std::size_t v = 0; v < hits.size(); ++v)
-    if (hits[v].depth > 0.0)
-      for (const std::uint32_t corner : splint.mesh().triangles[hits[v].triangle])
-        pushes[corner].take(hits[v].depth * normals[v]);
+  bool any = false;
+  for (std::size_t v = 0; v < hits.size(); ++v) {
+    if (hits[v].by_mm.isZero()) continue;
+    any = true;
+    for (const std::uint32_t corner : splint.mesh().triangles[hits[v].triangle])
+      pushes[corner].take(hits[v].by_mm);
+  }
+  return any;
 }
 
-/// Takes moves back until the mesh does not cross itself.
+/// Takes moves back, by half at first, until the mesh does not cross itself.
 void take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before) {
-  for (int round = 0; round < 2 * kRounds; ++round) {
+  for (int round = 0; round < 12; ++round) {
     const auto pairs = self_intersections(mesh);
     if (pairs.empty()) return;
+    std::vector<std::uint32_t> corners;
     for (const auto& pair : pairs)
       for (const std::uint32_t t : pair)
-        for (const std::uint32_t v : mesh.triangles[t]) mesh.vertices_mm[v] = before[v];
+        corners.insert(corners.end(), mesh.triangles[t].begin(), mesh.triangles[t].end());
+    std::sort(corners.begin(), corners.end());
+    corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
+    const double kept = round < 3 ? 0.5 : 0.0;
+    for (const std::uint32_t v : corners)
+      mesh.vertices_mm[v] = before[v] + kept * (mesh.vertices_mm[v] - before[v]);
   }
   mesh.vertices_mm = before;
 }
@@ -93,14 +104,16 @@ std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, d
     if (near[c[0]] || near[c[1]] || near[c[2]]) todo.push_back(static_cast<std::uint32_t>(t));
   }
   std::vector<char> moved(splint.vertices_mm.size(), 0);
-  for (int round = 0; round < kRounds && !todo.empty(); ++round) {
+  bool pierced = true;
+  for (int round = 0; round < kRounds && (pierced || !todo.empty()); ++round) {
     std::vector<Push> pushes(splint.vertices_mm.size());
     for (const MeshQuery* jaw : {&maxilla, &mandible})
       push_triangles(splint, todo, *jaw, tolerance_mm, pushes);
-    if (round < 2) {
+    if (pierced) {
       const MeshQuery query(splint);
+      pierced = false;
       for (const MeshQuery* jaw : {&maxilla, &mandible})
-        push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes);
+        pierced = push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes) || pierced;
     }
     std::vector<char> now(pushes.size(), 0);
     for (std::size_t v = 0; v < pushes.size(); ++v)

@@ -5,16 +5,16 @@
 namespace gnathion {
 namespace {
 
-constexpr double kDoubtfulCosine = 0.5;  // a crest of 60° still has this; a fold has less
+constexpr double kClearCosine = 0.9;   // faces have 1; beside edges and vertices rays are asked
+constexpr double kOnSurfaceMm = 0.03;  // nearer than this the normal is right unless it lies across
 
-bool inside_by_vote(const MeshQuery& solid, const Vector3& p) {
-  // Directions off the axes, edges and symmetry planes of any scan.
-  static const Vector3 directions[3] = {Vector3(0.3217, 0.4871, -0.8119).normalized(),
-                                        Vector3(-0.7421, 0.2113, -0.6361).normalized(),
-                                        Vector3(0.1873, -0.8217, -0.5383).normalized()};
-  int votes = 0;
-  for (const Vector3& d : directions) votes += solid.count_crossings(p, d) % 2;
-  return votes >= 2;
+/// Downwards and askew to the axes, edges and symmetry planes of any scan.
+const Vector3 kDirections[3] = {Vector3(0.3217, 0.4871, -0.8119).normalized(),
+                                Vector3(-0.7421, 0.2113, -0.6361).normalized(),
+                                Vector3(0.1873, -0.8217, -0.5383).normalized()};
+
+bool odd(const MeshQuery& solid, const Vector3& p, int direction) {
+  return solid.count_crossings(p, kDirections[direction]) % 2 != 0;
 }
 
 }  // namespace
@@ -22,12 +22,16 @@ bool inside_by_vote(const MeshQuery& solid, const Vector3& p) {
 std::optional<SignedDistance> solid_distance(const MeshQuery& solid, const Vector3& p_mm,
                                              double max_distance_mm) {
   auto found = solid.signed_distance(p_mm, max_distance_mm);
-  if (!found || std::abs(found->distance_mm) < 1e-4) return found;
+  if (!found) return found;
+  const double distance = std::abs(found->distance_mm);
   const Vector3 way = p_mm - found->closest.point_mm;
   const double cosine = way.dot(found->closest.normal) / (way.norm() * found->closest.normal.norm() + 1e-300);
-  if (std::abs(cosine) >= kDoubtfulCosine) return found;
-  const double distance = std::abs(found->distance_mm);
-  found->distance_mm = inside_by_vote(solid, p_mm) ? -distance : distance;
+  if (distance < 1e-4 || (distance < kOnSurfaceMm && std::abs(cosine) >= kClearCosine)) return found;
+  const bool by_normal = found->distance_mm < 0.0;
+  if (odd(solid, p_mm, 0) == by_normal) return found;
+  const int votes = (by_normal ? 0 : 1) + (odd(solid, p_mm, 1) ? 1 : 0) + (odd(solid, p_mm, 2) ? 1 : 0);
+  const bool inside = votes >= 2;
+  found->distance_mm = inside ? -distance : distance;
   return found;
 }
 

@@ -7,8 +7,8 @@
 
 namespace gnathion {
 
-/// As MeshQuery::signed_distance; but where the closest feature's normal is nearly across the way to it, as
-/// beside folded slivers of a scan, three rays vote on the side.
+/// As MeshQuery::signed_distance; but scans fold back over themselves at crests and in fissures, where the
+/// closest normal misleads: off the surface, a ray must agree with it, or the majority of three rays decides.
 std::optional<SignedDistance> solid_distance(const MeshQuery& solid, const Vector3& p_mm,
                                              double max_distance_mm);
 

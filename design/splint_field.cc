@@ -24,6 +24,8 @@ constexpr double kStampNearMm = 0.6;   // up to here from the mandible the stamp
 constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body beyond it
 constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
 constexpr double kStampTopMm = 1.0;
+constexpr double kTipGapVoxels = 0.5;
+constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.2;  // what triangles may take from the thinnest wall
 constexpr double kFullGapDeg = 60.0;       // from the stop angle to here the gap grows from h to g
 
@@ -98,12 +100,18 @@ bool SplintField::near_jaw(const Vector3& p, double distance_mm) const {
 double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
   const Triangle& t = prep_.maxilla.mesh().triangles[closest.triangle];
   Vector3 normal = Vector3::Zero();
-  for (std::size_t k = 0; k < 3; ++k)
-    normal += closest.barycentric[static_cast<int>(k)] * prep_.maxilla_normals[t[k]];
+  double sharp = 0.0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double weight = closest.barycentric[static_cast<int>(k)];
+    normal += weight * prep_.maxilla_normals[t[k]];
+    sharp += weight * prep_.maxilla_sharpness[t[k]];
+  }
   const double cosine = normal.norm() > 1e-9 ? -normal.normalized().z() : 0.0;
   const double stop = std::cos(par_.stop_angle_deg * M_PI / 180.0);
   const double full = std::cos(std::max(kFullGapDeg, par_.stop_angle_deg + 10.0) * M_PI / 180.0);
-  return par_.gap_mm + (par_.stop_gap_mm - par_.gap_mm) * smoothstep((cosine - full) / (stop - full));
+  // Tips narrower than the grid get room, or the triangles would cut them off.
+  return kTipGapVoxels * par_.voxel_mm * sharp + par_.gap_mm +
+         (par_.stop_gap_mm - par_.gap_mm) * smoothstep((cosine - full) / (stop - full));
 }
 
 SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
@@ -136,7 +144,8 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   f.body = std::min(in.body, stamp);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.mandible < kStampNearMm + 1.0;
   f.rim = p.z() - (prep_.level.level_mm(p) + par_.depth_mm);
-  const double film = par_.aperture_limit_mm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
+  const double film =
+      par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
   const double inner = rounded_max(-f.cavity, f.rim, 0.5 * par_.rim_radius_mm);
   f.value = std::max({walls, inner, -f.cut, film});
