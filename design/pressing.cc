@@ -11,6 +11,7 @@ namespace {
 constexpr double kReachMm = 0.15;
 constexpr double kVertexReachMm = 0.4;  // a crest's tip between the grid's nodes
 constexpr int kRounds = 6;
+constexpr int kAttempts = 4;  // after moves were taken back, smaller ones may do
 
 struct Push {
   Vector3 by_mm = Vector3::Zero();
@@ -62,21 +63,28 @@ bool push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double 
     const auto d = splint.signed_distance(p, kVertexReachMm);
     if (d && d->distance_mm < -tolerance_mm) hits[v] = {d->closest.triangle, -d->distance_mm * normals[v]};
   });
+  std::vector<Push> core(pushes.size());
   bool any = false;
-  for (std::size_t v = 0; v < hits.size(); ++v) {
-    if (hits[v].by_mm.isZero()) continue;
+  for (const Hit& hit : hits) {
+    if (hit.by_mm.isZero()) continue;
     any = true;
-    for (const std::uint32_t corner : splint.mesh().triangles[hits[v].triangle])
-      pushes[corner].take(hits[v].by_mm);
+    for (const std::uint32_t corner : splint.mesh().triangles[hit.triangle]) core[corner].take(hit.by_mm);
   }
-  return any;
+  if (!any) return false;
+  // Neighbours go half the way, so that the surface bends instead of folding.
+  for (const Triangle& t : splint.mesh().triangles)
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t n = 1; n < 3; ++n) pushes[t[(k + n) % 3]].take(0.5 * core[t[k]].by_mm);
+  for (std::size_t v = 0; v < core.size(); ++v) pushes[v].take(core[v].by_mm);
+  return true;
 }
 
-/// Takes moves back, by half at first, until the mesh does not cross itself.
-void take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before) {
+/// Takes moves back, by half at first, until the mesh does not cross itself. Returns whether any was taken
+/// back.
+bool take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before) {
   for (int round = 0; round < 12; ++round) {
     const auto pairs = self_intersections(mesh);
-    if (pairs.empty()) return;
+    if (pairs.empty()) return round > 0;
     std::vector<std::uint32_t> corners;
     for (const auto& pair : pairs)
       for (const std::uint32_t t : pair)
@@ -88,22 +96,22 @@ void take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before)
       mesh.vertices_mm[v] = before[v] + kept * (mesh.vertices_mm[v] - before[v]);
   }
   mesh.vertices_mm = before;
+  return true;
 }
 
-}  // namespace
-
-std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm) {
-  const MeshQuery& maxilla = field.preparation().maxilla;
-  const MeshQuery& mandible = field.preparation().mandible;
-  const std::vector<Vector3> before = splint.vertices_mm;
-  std::vector<char> near(splint.vertices_mm.size());
-  parallel_each(near.size(), [&](std::size_t v) { near[v] = field.near_jaw(splint.vertices_mm[v], 0.0); });
-  std::vector<std::uint32_t> todo;
-  for (std::size_t t = 0; t < splint.triangles.size(); ++t) {
-    const Triangle& c = splint.triangles[t];
-    if (near[c[0]] || near[c[1]] || near[c[2]]) todo.push_back(static_cast<std::uint32_t>(t));
+/// Triangles with a vertex that `marked` holds.
+std::vector<std::uint32_t> triangles_at(const TriangleMesh& mesh, const std::vector<char>& marked) {
+  std::vector<std::uint32_t> out;
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Triangle& c = mesh.triangles[t];
+    if (marked[c[0]] || marked[c[1]] || marked[c[2]]) out.push_back(static_cast<std::uint32_t>(t));
   }
-  std::vector<char> moved(splint.vertices_mm.size(), 0);
+  return out;
+}
+
+/// Rounds of pushing until nothing is deeper than the tolerance; the mesh may cross itself afterwards.
+void press(TriangleMesh& splint, const MeshQuery& maxilla, const MeshQuery& mandible, double tolerance_mm,
+           std::vector<std::uint32_t> todo) {
   bool pierced = true;
   for (int round = 0; round < kRounds && (pierced || !todo.empty()); ++round) {
     std::vector<Push> pushes(splint.vertices_mm.size());
@@ -115,20 +123,30 @@ std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, d
       for (const MeshQuery* jaw : {&maxilla, &mandible})
         pierced = push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes) || pierced;
     }
-    std::vector<char> now(pushes.size(), 0);
-    for (std::size_t v = 0; v < pushes.size(); ++v)
-      if (!pushes[v].by_mm.isZero()) {
-        splint.vertices_mm[v] += pushes[v].by_mm;
-        moved[v] = now[v] = 1;
-      }
-    todo.clear();
-    for (std::size_t t = 0; t < splint.triangles.size(); ++t) {
-      const Triangle& c = splint.triangles[t];
-      if (now[c[0]] || now[c[1]] || now[c[2]]) todo.push_back(static_cast<std::uint32_t>(t));
+    std::vector<char> moved(pushes.size(), 0);
+    for (std::size_t v = 0; v < pushes.size(); ++v) {
+      if (pushes[v].by_mm.isZero()) continue;
+      splint.vertices_mm[v] += pushes[v].by_mm;
+      moved[v] = 1;
     }
+    todo = triangles_at(splint, moved);
   }
-  take_back_crossings(splint, before);
-  return static_cast<std::size_t>(std::count(moved.begin(), moved.end(), 1));
+}
+
+}  // namespace
+
+void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm) {
+  std::vector<char> near(splint.vertices_mm.size());
+  parallel_each(near.size(), [&](std::size_t v) { near[v] = field.near_jaw(splint.vertices_mm[v], 0.0); });
+  std::vector<std::uint32_t> todo = triangles_at(splint, near);
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    const std::vector<Vector3> sound = splint.vertices_mm;
+    press(splint, field.preparation().maxilla, field.preparation().mandible, tolerance_mm, std::move(todo));
+    if (!take_back_crossings(splint, sound)) return;
+    std::vector<char> moved(sound.size());
+    for (std::size_t v = 0; v < sound.size(); ++v) moved[v] = splint.vertices_mm[v] != sound[v];
+    todo = triangles_at(splint, moved);
+  }
 }
 
 }  // namespace gnathion

@@ -1,8 +1,6 @@
 // The last hundredths: where flat triangles cut through a crest of a tooth, the splint's vertices give way.
 #pragma once
 
-#include <cstddef>
-
 #include "core/mesh.h"
 #include "core/mesh_query.h"
 #include "design/splint_field.h"
@@ -12,6 +10,6 @@ namespace gnathion {
 /// Moves vertices of `splint` (closed) out of the jaws until neither surface is deeper than about
 /// `tolerance_mm` in the other; movements are of that order. Moves that would make the mesh cross itself are
 /// taken back. Returns how many vertices moved.
-std::size_t press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm);
+void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm);
 
 }  // namespace gnathion
