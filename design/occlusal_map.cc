@@ -95,7 +95,7 @@ std::vector<Support> supports_along(const TriangleMesh& maxilla, const ArchRuler
 }  // namespace
 
 OcclusalMap::OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame,
-                         const Rigid3& design_from_dental) {
+                         const Rigid3& design_from_dental, const std::array<double, 2>& last_teeth_mm) {
   const ArchRuler ruler(frame);
   const Rigid3 dental_from_design = design_from_dental.inverse();
   const std::vector<Support> stations = supports_along(maxilla, ruler, dental_from_design);
@@ -105,6 +105,7 @@ OcclusalMap::OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame,
   ny_ = static_cast<int>(std::ceil(box.size_mm().y() / spacing_)) + 2;
   level_.resize(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_));
   off_.resize(level_.size());
+  behind_.resize(level_.size());
   parallel_each(nx_, [&](int i) {
     for (int j = 0; j < ny_; ++j) {
       Vector3 p = origin_ + spacing_ * Vector3(i, j, 0);
@@ -122,6 +123,7 @@ OcclusalMap::OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame,
       level_[at] =
           static_cast<float>((1 - t) * (a.height_mm + a.tilt * across) + t * (b.height_mm + b.tilt * across));
       off_[at] = static_cast<float>(c.buccal_mm);
+      behind_[at] = static_cast<float>(std::max(last_teeth_mm[0] - c.s_mm, c.s_mm - last_teeth_mm[1]));
     }
   });
 }
@@ -144,6 +146,9 @@ double OcclusalMap::level_mm(const Vector3& p_design_mm) const {
 }
 double OcclusalMap::off_curve_mm(const Vector3& p_design_mm) const {
   return sample(off_, p_design_mm);
+}
+double OcclusalMap::behind_teeth_mm(const Vector3& p_design_mm) const {
+  return sample(behind_, p_design_mm);
 }
 
 }  // namespace gnathion

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "design/parallel.h"
+#include "occlusion/teeth.h"
 
 namespace gnathion {
 namespace {
@@ -64,6 +65,19 @@ TriangleMesh without_fragments(const TriangleMesh& mesh, const std::string& name
   return submesh(mesh, keep);
 }
 
+/// Arc lengths of the ends of the last teeth, right and left.
+std::array<double, 2> ends_of_teeth(const TriangleMesh& maxilla, const ArchFrame& arch) {
+  const std::vector<std::uint8_t> fdi = assign_teeth(maxilla, arch, Arch::kMaxilla);
+  const ArchRuler ruler(arch);
+  std::vector<double> s;
+  for (std::size_t v = 0; v < fdi.size(); ++v)
+    if (fdi[v] != 0) s.push_back(ruler.measure(maxilla.vertices_mm[v]).s_mm);
+  if (s.size() < 100) return {-1e3, 1e3};
+  std::sort(s.begin(), s.end());
+  const std::size_t few = s.size() / 500;  // stray labels
+  return {s[few], s[s.size() - 1 - few]};
+}
+
 /// Crown vertices: near the arch curve and no deeper than `depth_mm` behind the local level.
 Box crown_box(const TriangleMesh& maxilla, const OcclusalMap& level, double depth_mm) {
   Box box;
@@ -112,7 +126,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   TriangleMesh maxilla = closed_to_solid(transformed(design_from_dental, upper), Vector3::UnitZ(), &holes);
   TriangleMesh mandible = transformed(
       therapeutic, closed_to_solid(transformed(design_from_dental, lower), -Vector3::UnitZ(), nullptr));
-  OcclusalMap level(maxilla, arch, design_from_dental);
+  OcclusalMap level(maxilla, arch, design_from_dental, ends_of_teeth(inputs.maxilla, arch));
   const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm)));
   const GridShape coarse =
       design_box(maxilla, level, therapeutic, parameters, parameters.voxel_mm * refinement);

@@ -2,6 +2,7 @@
 // level.
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -24,19 +25,23 @@ TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std:
 class OcclusalMap {
  public:
   OcclusalMap() = default;
-  /// `maxilla` in the design frame (solid or scan); sampled every 0.5 mm over its box.
-  OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame, const Rigid3& design_from_dental);
+  /// `maxilla` in the design frame (solid or scan); sampled every 0.5 mm over its box. `last_teeth_mm`: arc
+  /// lengths of the ends of the last teeth, right and left.
+  OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame, const Rigid3& design_from_dental,
+              const std::array<double, 2>& last_teeth_mm);
   /// Height of the level over the occlusal plane.
   double level_mm(const Vector3& p_design_mm) const;
   /// Distance from the arch curve, buccal positive.
   double off_curve_mm(const Vector3& p_design_mm) const;
+  /// How far behind the last teeth (negative before them), along the arch.
+  double behind_teeth_mm(const Vector3& p_design_mm) const;
 
  private:
   double sample(const std::vector<float>& values, const Vector3& p_mm) const;
   Vector3 origin_ = Vector3::Zero();
   double spacing_ = 0.5;
   int nx_ = 0, ny_ = 0;
-  std::vector<float> level_, off_;
+  std::vector<float> level_, off_, behind_;
 };
 
 /// The design frame: z along a (towards the gingiva of the maxilla), x left, y posterior, origin on the

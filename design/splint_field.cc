@@ -25,6 +25,7 @@ constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body bey
 constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
 constexpr double kStampTopMm = 1.0;
 constexpr double kTipGapVoxels = 0.5;
+constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.2;  // what triangles may take from the thinnest wall
 constexpr double kFullGapDeg = 60.0;       // from the stop angle to here the gap grows from h to g
@@ -143,7 +144,9 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.mandible < kStampNearMm + 1.0;
-  f.rim = p.z() - (prep_.level.level_mm(p) + par_.depth_mm);
+  // The cutting surface, and the end behind the last teeth: their distal wall and no more.
+  const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
+  f.rim = std::max(p.z() - (prep_.level.level_mm(p) + par_.depth_mm), behind);
   const double film =
       par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
