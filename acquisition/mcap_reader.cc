@@ -110,6 +110,32 @@ Result<bool> McapReader::take_record(mcap::Opcode opcode, std::string_view conte
   }
 }
 
+std::optional<McapReader::Damage> McapReader::check_ending() {
+  constexpr std::uint64_t kFooterSize = 9 + 20, kTail = kFooterSize + 8;
+  const auto read_at = [&](std::uint64_t offset, std::uint64_t n) {
+    std::string bytes(static_cast<std::size_t>(n), '\0');
+    file_.clear();
+    file_.seekg(static_cast<std::streamoff>(offset));
+    file_.read(bytes.data(), static_cast<std::streamsize>(n));
+    return bytes;
+  };
+  const auto cut = [&] { return Damage{position_, size_, "cut off before its end was written"}; };
+  if (size_ < position_ + kTail) return cut();
+  const std::string tail = read_at(size_ - kTail, kTail);
+  const auto record = mcap::next_record(tail);
+  if (std::string_view(tail).substr(kFooterSize) != mcap::kMagic || !record ||
+      record->opcode != mcap::Opcode::kFooter)
+    return cut();
+  const auto footer = mcap::decode_footer(record->content);
+  if (!footer || footer->summary_start > size_ - kTail) return cut();
+  if (footer->summary_start == 0 || footer->summary_crc == 0)
+    return std::nullopt;  // the writer left them out
+  const std::string summary = read_at(footer->summary_start, size_ - 8 - 4 - footer->summary_start);
+  if (mcap::crc32(summary) != footer->summary_crc)
+    return Damage{footer->summary_start, size_, "the index's CRC does not match"};
+  return std::nullopt;
+}
+
 Result<std::optional<McapMessage>> McapReader::next() {
   while (true) {
     loose_.reset();

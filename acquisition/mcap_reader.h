@@ -38,6 +38,8 @@ class McapReader {
     std::string why;
   };
   const std::optional<Damage>& damage() const { return damage_; }
+  /// Checks what stands behind the messages (index, footer, closing magic); nothing when it is sound.
+  std::optional<Damage> check_ending();
   std::uint64_t file_size() const { return size_; }
   /// Bytes read so far, for progress.
   std::uint64_t position() const { return position_; }

@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "core/rigid.h"
 #include "core/result.h"
+#include "core/rigid.h"
 #include "core/sample.h"
 
 namespace gnathion {

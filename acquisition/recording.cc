@@ -259,7 +259,8 @@ Result<RecordingSummary> summarise_recording(const std::filesystem::path& path) 
   for (auto& [name, s] : summary.streams) finish_summary(s, times[name].capture_ns, start_ns);
   summary.duration_s = end_ns > start_ns ? static_cast<double>(end_ns - start_ns) * 1e-9 : 0.0;
   summary.bytes = reader->file_size();
-  if (const auto& damage = reader->damage()) {
+  const auto damage = reader->damage() ? reader->damage() : reader->check_ending();
+  if (damage) {
     summary.whole = false;
     summary.damage_begin = damage->begin;
     summary.damage_end = damage->end;

@@ -140,6 +140,19 @@ TEST_F(RecordingTest, FlippedByteIsFoundByItsCrc) {
   EXPECT_GT(summary->damage_end, at);
 }
 
+TEST_F(RecordingTest, DamageBehindTheMessagesIsFoundToo) {
+  write_session(folder_ / "a.mcap", session(7));
+  const std::string whole = *read_file(folder_ / "a.mcap");
+  for (const std::size_t from_end : {20u, 200u, 1000u}) {
+    std::string bytes = whole;
+    bytes[bytes.size() - from_end] = static_cast<char>(bytes[bytes.size() - from_end] ^ 1);
+    ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+    EXPECT_FALSE(summarise_recording(folder_ / "bad.mcap")->whole) << from_end;
+    ASSERT_TRUE(write_file(folder_ / "cut.mcap", std::string_view(whole).substr(0, whole.size() - from_end)));
+    EXPECT_FALSE(summarise_recording(folder_ / "cut.mcap")->whole) << from_end;
+  }
+}
+
 TEST_F(RecordingTest, GarbageNeverCrashesAndIsNamed) {
   Random random(5);
   for (int k = 0; k < 200; ++k) {

@@ -33,8 +33,8 @@ void add_mesh(vtkRenderer& renderer, const SceneMesh& item) {
   vtkProperty* look = actor->GetProperty();
   look->SetColor(item.color[0], item.color[1], item.color[2]);
   look->SetOpacity(item.opacity);
-  look->SetAmbient(0.2);
-  look->SetDiffuse(1.0);
+  look->SetAmbient(0.18);
+  look->SetDiffuse(0.9);
   look->SetSpecular(0.2);
   look->SetSpecularPower(25);
   look->SetInterpolationToPhong();
