@@ -46,8 +46,6 @@ constexpr Field kFields[] = {
     {"rim_radius_mm", &SplintParameters::rim_radius_mm, "mm", 0.0, 0.5, "rounding of the rim"},
     {"embrasure_mm", &SplintParameters::embrasure_mm, "mm", 0.0, 2.0,
      "grooves narrower than twice this stay empty"},
-    {"triangle_tolerance_mm", &SplintParameters::triangle_tolerance_mm, "mm", 0.0, 0.05,
-     "how far simplified triangles may leave the surface"},
 };
 
 const Field* find_field(std::string_view name) {

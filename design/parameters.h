@@ -30,8 +30,6 @@ struct SplintParameters {
   double smoothing_mm = 2.0;     ///< radius of the concave fillets between shell and stamp
   double rim_radius_mm = 0.4;    ///< rounding of the rim
   double embrasure_mm = 0.5;  ///< interdental grooves narrower than twice this are not filled by the splint
-  double triangle_tolerance_mm =
-      0.004;  ///< how far simplified triangles may leave the surface; 0: no simplification
 };
 
 /// Refuses (kUsage) what is out of range or contradicts itself, naming the parameter.

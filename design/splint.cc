@@ -91,6 +91,9 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     GNATHION_TRY(const Preparation preparation, prepare(inputs, parameters));
     design.arch = preparation.arch;
     design.warnings = preparation.warnings;
+    if (inputs.occlusal_surface)
+      design.warnings.push_back(
+          "the given occlusal surface is shown only: the stamp is taken from the maxilla");
 
     steps.begin("shells and stamp", 0.25);
     const SplintField field(preparation, parameters);

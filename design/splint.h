@@ -22,8 +22,9 @@ namespace gnathion {
 /// TP applies T_th⁻¹ first).
 struct SplintInputs {
   TriangleMesh maxilla, mandible_mi;
-  Motion<Dental> therapeutic;                    ///< T_th: L1 = T_th · L0
-  std::optional<TriangleMesh> occlusal_surface;  ///< S_occ; found from the maxilla when absent
+  Motion<Dental> therapeutic;  ///< T_th: L1 = T_th · L0
+  /// S_occ for pictures. The stamp itself is taken from the maxilla; a warning says so.
+  std::optional<TriangleMesh> occlusal_surface;
 };
 
 /// Wall-clock seconds of one named stage, in order.
