@@ -153,8 +153,10 @@ std::string design_section(const CaseResults& r) {
                  fmt::format("<span class={}>{}</span>", ok ? "pass" : "fail", ok ? "pass" : "fail")});
   }
   text += "</table>";
-  for (const json& w : j["warnings"]) text += "<p>" + number(w) + "</p>";
-  return text;
+  if (j["warnings"].empty()) return text;
+  text += fmt::format("<details><summary>{} warning(s)</summary><ul>", j["warnings"].size());
+  for (const json& w : j["warnings"]) text += "<li>" + number(w) + "</li>";
+  return text + "</ul></details>";
 }
 
 Result<std::string> pictures_section(const fs::path& folder) {
