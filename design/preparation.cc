@@ -133,7 +133,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
     return bad_input("cannot design", "maxilla", "no crowns found near the arch curve");
   std::vector<Vector3> normals = smoothed_normals(maxilla);
-  std::vector<double> sharp = sharpness(maxilla);
+  std::vector<double> sharp = sharpness(maxilla), sharp_below = sharpness(mandible);
   for (const std::string& hole : holes) warnings.push_back("maxilla: " + hole);
   return Preparation{std::move(arch),
                      design_from_dental,
@@ -142,6 +142,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                      MeshQuery(std::move(mandible)),
                      std::move(normals),
                      std::move(sharp),
+                     std::move(sharp_below),
                      std::move(level),
                      coarse,
                      refinement,

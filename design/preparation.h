@@ -56,6 +56,7 @@ struct Preparation {
   std::vector<Vector3> maxilla_normals;  ///< per vertex of M, smoothed over about 0.4 mm
   std::vector<double>
       maxilla_sharpness;  ///< per vertex of M, 0 smooth to 1: convex tips narrower than the grid
+  std::vector<double> mandible_sharpness;
   OcclusalMap level;
   GridShape coarse;
   int refinement = 3;  ///< fine voxels per coarse spacing

@@ -24,7 +24,8 @@ constexpr double kStampNearMm = 0.6;   // up to here from the mandible the stamp
 constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body beyond it
 constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
 constexpr double kStampTopMm = 1.0;
-constexpr double kTipGapVoxels = 0.5;
+constexpr double kTipGapVoxels = 0.5;       // room at tips of the maxilla that are narrower than the grid
+constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the mandible
 constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.2;  // what triangles may take from the thinnest wall
@@ -33,6 +34,14 @@ constexpr double kFullGapDeg = 60.0;       // from the stop angle to here the ga
 double smoothstep(double t) {
   t = std::clamp(t, 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
+}
+
+double sharpness_at(const TriangleMesh& mesh, const std::vector<double>& sharpness,
+                    const ClosestPoint& closest) {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < 3; ++k)
+    sum += closest.barycentric[static_cast<int>(k)] * sharpness[mesh.triangles[closest.triangle][k]];
+  return sum;
 }
 
 /// max(a, b) whose edge is rounded with `radius`: never less than max(a, b).
@@ -101,12 +110,9 @@ bool SplintField::near_jaw(const Vector3& p, double distance_mm) const {
 double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
   const Triangle& t = prep_.maxilla.mesh().triangles[closest.triangle];
   Vector3 normal = Vector3::Zero();
-  double sharp = 0.0;
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double weight = closest.barycentric[static_cast<int>(k)];
-    normal += weight * prep_.maxilla_normals[t[k]];
-    sharp += weight * prep_.maxilla_sharpness[t[k]];
-  }
+  for (std::size_t k = 0; k < 3; ++k)
+    normal += closest.barycentric[static_cast<int>(k)] * prep_.maxilla_normals[t[k]];
+  const double sharp = sharpness_at(prep_.maxilla.mesh(), prep_.maxilla_sharpness, closest);
   const double cosine = normal.norm() > 1e-9 ? -normal.normalized().z() : 0.0;
   const double stop = std::cos(par_.stop_angle_deg * M_PI / 180.0);
   const double full = std::cos(std::max(kFullGapDeg, par_.stop_angle_deg + 10.0) * M_PI / 180.0);
@@ -183,7 +189,10 @@ FieldTerms SplintField::exact(const Vector3& p) const {
     }
   }
   if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
-    if (const auto d = solid_distance(prep_.mandible, p, reach(in.mandible))) in.mandible = d->distance_mm;
+    if (const auto d = solid_distance(prep_.mandible, p, reach(in.mandible)))
+      in.mandible =
+          d->distance_mm - kImprintTipVoxels * par_.voxel_mm *
+                               sharpness_at(prep_.mandible.mesh(), prep_.mandible_sharpness, d->closest);
     if (const auto d = solid_distance(prep_.maxilla, natural_from_tp_ * p, reach(in.stamp)))
       in.stamp = d->distance_mm;
   }
