@@ -39,9 +39,9 @@ Result<std::unique_ptr<McapReader>> McapReader::open(const std::filesystem::path
   return r;
 }
 
-Result<bool> McapReader::damaged(const std::string& why) {
-  over_ = true;
-  damage_ = Damage{record_start_, size_, why};
+Result<bool> McapReader::damaged(const std::string& why, bool can_go_on) {
+  if (!damage_) damage_ = Damage{record_start_, can_go_on ? position_ : size_, why};
+  if (ending_ == Ending::kMustBeWhole || !can_go_on) over_ = true;
   if (ending_ == Ending::kAsFarAsItGoes) return false;
   return bad_input(kWhat, path_, fmt::format("damaged at byte {}: {}", record_start_, why));
 }
@@ -66,9 +66,9 @@ McapReader::Step McapReader::read_record(std::string& content, mcap::Opcode& opc
 
 Result<bool> McapReader::take_chunk(std::string_view content) {
   const auto chunk = mcap::decode_chunk(content);
-  if (!chunk) return damaged("a chunk's lengths do not fit");
+  if (!chunk) return damaged("a chunk's lengths do not fit", true);
   auto records = mcap::decompress(*chunk, path_);
-  if (!records) return damaged(records.error().why);
+  if (!records) return damaged(records.error().why, true);
   chunk_ = std::move(*records);
   unread_ = chunk_;
   return true;
@@ -79,26 +79,26 @@ Result<bool> McapReader::take_record(mcap::Opcode opcode, std::string_view conte
   switch (opcode) {
     case mcap::Opcode::kSchema: {
       auto schema = mcap::decode_schema(content);
-      if (!schema) return damaged("a schema's lengths do not fit");
+      if (!schema) return damaged("a schema's lengths do not fit", true);
       schemas_[schema->id] = std::move(*schema);
       return false;
     }
     case mcap::Opcode::kChannel: {
       auto channel = mcap::decode_channel(content);
-      if (!channel) return damaged("a channel's lengths do not fit");
+      if (!channel) return damaged("a channel's lengths do not fit", true);
       // A repeated record must not move the channel that a caller may still look at.
       if (!channels_.count(channel->id)) channels_[channel->id] = std::move(*channel);
       return false;
     }
     case mcap::Opcode::kMessage:
       loose_ = mcap::decode_message(content);
-      if (!loose_ || !channels_.count(loose_->channel_id)) return damaged("a message has no channel");
+      if (!loose_ || !channels_.count(loose_->channel_id)) return damaged("a message has no channel", true);
       return true;
     case mcap::Opcode::kChunk:
       return take_chunk(content);
     case mcap::Opcode::kAttachment: {
       const auto attachment = mcap::decode_attachment(content);
-      if (!attachment) return damaged("an attachment is damaged");
+      if (!attachment) return damaged("an attachment is damaged", true);
       attachments_[attachment->name] = std::string(attachment->data);
       return false;
     }
@@ -143,8 +143,9 @@ Result<std::optional<McapMessage>> McapReader::next() {
       const auto record = mcap::next_record(unread_);
       if (!record) {
         unread_ = {};
-        GNATHION_TRY(const bool more, damaged("a record inside a chunk is cut off"));
-        if (!more) return std::optional<McapMessage>();
+        GNATHION_TRY(const bool more, damaged("a record inside a chunk is cut off", true));
+        if (!more && over_) return std::optional<McapMessage>();
+        if (!more) continue;
       }
       unread_.remove_prefix(record->total_size);
       GNATHION_TRY(const bool taken, take_record(record->opcode, record->content));
@@ -154,9 +155,11 @@ Result<std::optional<McapMessage>> McapReader::next() {
       mcap::Opcode opcode{};
       const Step step = read_record(content_, opcode);
       if (step != Step::kRecord) {
-        GNATHION_TRY(const bool more,
-                     damaged(step == Step::kEnd ? "ends without its end record" : "a record is cut off"));
-        if (!more) return std::optional<McapMessage>();
+        GNATHION_TRY(
+            const bool more,
+            damaged(step == Step::kEnd ? "ends without its end record" : "a record is cut off", false));
+        if (!more && over_) return std::optional<McapMessage>();
+        if (!more) continue;
       }
       GNATHION_TRY(const bool taken, take_record(opcode, content_));
       if (!taken && over_) return std::optional<McapMessage>();

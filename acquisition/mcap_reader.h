@@ -23,7 +23,7 @@ class McapReader {
  public:
   enum class Ending {
     kMustBeWhole,    ///< open() refuses a file without its footer, telling how to recover it
-    kAsFarAsItGoes,  ///< reading stops at the first damage; see damage()
+    kAsFarAsItGoes,  ///< damaged records are passed over, a cut ends the reading; see damage()
   };
   static Result<std::unique_ptr<McapReader>> open(const std::filesystem::path& path, Ending ending);
 
@@ -50,7 +50,8 @@ class McapReader {
   Step read_record(std::string& content, mcap::Opcode& opcode);
   Result<bool> take_record(mcap::Opcode opcode, std::string_view content);
   Result<bool> take_chunk(std::string_view content);
-  Result<bool> damaged(const std::string& why);
+  /// `can_go_on`: the record's length is sound, so that what follows can be read.
+  Result<bool> damaged(const std::string& why, bool can_go_on);
 
   std::string path_;
   Ending ending_ = Ending::kMustBeWhole;

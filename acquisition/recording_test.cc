@@ -140,6 +140,22 @@ TEST_F(RecordingTest, FlippedByteIsFoundByItsCrc) {
   EXPECT_GT(summary->damage_end, at);
 }
 
+TEST_F(RecordingTest, RecoveryGoesOnBehindADamagedChunk) {
+  write_session(folder_ / "a.mcap", session(8));
+  std::string bytes = *read_file(folder_ / "a.mcap");
+  for (std::size_t at = bytes.size() / 2; at < bytes.size() / 2 + 3; ++at)
+    bytes[at] = static_cast<char>(~bytes[at]);
+  ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+  const auto saved = recover_recording(folder_ / "bad.mcap", folder_ / "saved.mcap");
+  ASSERT_TRUE(saved) << saved.error().line();
+  const auto summary = summarise_recording(folder_ / "saved.mcap");
+  ASSERT_TRUE(summary && summary->whole);
+  const StreamSummary& camera = summary->streams.at("camera_0");
+  EXPECT_GT(camera.received, 180u);                   // one chunk of at most 100 ms is lost
+  EXPECT_EQ(camera.received + camera.missing, 200u);  // and every lost frame has its line
+  EXPECT_GT(camera.last_s, 3.2);
+}
+
 TEST_F(RecordingTest, DamageBehindTheMessagesIsFoundToo) {
   write_session(folder_ / "a.mcap", session(7));
   const std::string whole = *read_file(folder_ / "a.mcap");

@@ -3,12 +3,14 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 
 #include "pipeline/version.h"
 
 namespace gnathion {
+namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kDescription =
@@ -43,10 +45,28 @@ void finish_command(CLI::App& command, ChosenCommand& chosen, CommandBody body, 
   command.callback([&chosen, body = std::move(body)] { chosen.body = body; });
 }
 
-Status may_write(const std::string& path, const CommonOptions& common) {
+Status may_write(const std::string& path, const CommonOptions& common,
+                 const std::vector<std::string>& inputs) {
   std::error_code ec;
-  if (!common.force && std::filesystem::exists(path, ec))
-    return fail(ErrorCode::kUsage, "cannot write", path, "exists; --force replaces it");
+  const auto refuse = [&](const char* why) { return fail(ErrorCode::kUsage, "cannot write", path, why); };
+  const fs::path folder = fs::path(path).parent_path();
+  if (!folder.empty() && !fs::is_directory(folder, ec)) return refuse("its folder does not exist");
+  if (!fs::exists(path, ec)) return {};
+  for (const std::string& input : inputs)
+    if (fs::equivalent(path, input, ec)) return refuse("is an input");
+  if (fs::is_directory(path, ec)) return refuse("is a folder");
+  return common.force ? Status() : refuse("exists; --force replaces it");
+}
+
+Status keeps_inputs(const std::string& folder, const std::vector<std::string>& inputs) {
+  std::error_code ec;
+  const fs::path target = fs::weakly_canonical(folder, ec);
+  for (const std::string& input : inputs) {
+    if (input.empty()) continue;
+    const fs::path file = fs::weakly_canonical(input, ec);
+    if (std::mismatch(target.begin(), target.end(), file.begin(), file.end()).first == target.end())
+      return fail(ErrorCode::kUsage, "cannot write", folder, "holds the input " + input);
+  }
   return {};
 }
 
@@ -73,6 +93,8 @@ int run_command_line(int argc, char** argv) {
       output = chosen.body(common, progress);
     } catch (const std::bad_alloc&) {
       output = fail(ErrorCode::kInternal, "cannot go on", "memory", "not enough of it");
+    } catch (const std::exception& e) {
+      output = fail(ErrorCode::kInternal, "cannot go on", "unexpected", e.what());
     }
   }
   if (!output) return print_error(output.error());
@@ -81,6 +103,9 @@ int run_command_line(int argc, char** argv) {
   } else if (!common.quiet) {
     std::fputs(output->text.c_str(), stdout);
   }
+  if (std::fflush(stdout) != 0)
+    return print_error(
+        {ErrorCode::kInternal, "cannot write", "standard output", "the result did not go out whole"});
   return output->gate_failed ? exit_code(ErrorCode::kGate) : 0;
 }
 

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -45,8 +46,12 @@ void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording
 void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
 
-/// Refuses an output that exists unless forced (kUsage).
-Status may_write(const std::string& path, const CommonOptions& common);
+/// Refuses (kUsage) an output file that exists unless forced, whose folder does not exist, or that is one of
+/// the `inputs`, forced or not.
+Status may_write(const std::string& path, const CommonOptions& common,
+                 const std::vector<std::string>& inputs);
+/// Refuses (kUsage) an output folder that holds one of the `inputs`.
+Status keeps_inputs(const std::string& folder, const std::vector<std::string>& inputs);
 
 /// Parses, runs, prints; the process's exit code.
 int run_command_line(int argc, char** argv);

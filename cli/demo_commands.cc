@@ -19,14 +19,15 @@ void add_demo_commands(CLI::App& app, ChosenCommand& chosen) {
       app.add_subcommand("demo", "phantom patient, replayed session, T_th, splint, report with pictures");
   demo->add_option("--seed", o->seed, "of the phantom")->capture_default_str();
   demo->add_option("--out", o->out, "folder to make")->capture_default_str();
-  finish_command(*demo, chosen,
-                 [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-                   GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force));
-                   GNATHION_TRY(const DemoResult result, run_demo(o->seed, {}, staged.path(), progress));
-                   GNATHION_CHECK_OK(staged.commit());
-                   return CommandOutput{demo_text(result, o->out), demo_json(result).dump(2),
-                                        !result.results.design.accepted()};
-                 });
+  finish_command(
+      *demo, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force, {"case.toml"}));
+        GNATHION_TRY(const DemoResult result, run_demo(o->seed, {}, staged.path(), progress));
+        GNATHION_CHECK_OK(staged.commit());
+        return CommandOutput{demo_text(result, o->out),
+                             demo_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace),
+                             !result.results.design.accepted()};
+      });
 
   CLI::App* phantom =
       app.add_subcommand("phantom", "a virtual patient as a case folder, with ground truth in truth.json");
@@ -34,11 +35,13 @@ void add_demo_commands(CLI::App& app, ChosenCommand& chosen) {
   phantom->add_option("--out", o->out, "case folder to make")->required();
   finish_command(
       *phantom, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force));
+        GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force, {"case.toml"}));
         GNATHION_TRY(const PhantomPatient patient, make_phantom_case(o->seed, staged.path(), progress));
         GNATHION_CHECK_OK(staged.commit());
         return CommandOutput{"Case written to " + o->out + "\n",
-                             nlohmann::json{{"case", o->out}, {"seed", o->seed}}.dump(2), false};
+                             nlohmann::json{{"case", o->out}, {"seed", o->seed}}.dump(
+                                 2, ' ', false, nlohmann::json::error_handler_t::replace),
+                             false};
       });
 }
 

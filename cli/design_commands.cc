@@ -19,6 +19,10 @@ std::string joined(const std::vector<std::string>& names) {
   return text;
 }
 
+std::vector<std::string> input_paths(const DesignJob& job) {
+  return {job.maxilla.string(), job.mandible.string(), job.transform.string(), job.occlusal_surface.string()};
+}
+
 void add_check(CLI::App& app, ChosenCommand& chosen) {
   struct Options {
     DesignJob job;
@@ -32,7 +36,7 @@ void add_check(CLI::App& app, ChosenCommand& chosen) {
   command->add_option("--out", o->out, "feasibility.json")->required();
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_CHECK_OK(may_write(o->out, common));
+        GNATHION_CHECK_OK(may_write(o->out, common, input_paths(o->job)));
         progress.begin_step("reading the jaws", 0.3);
         GNATHION_TRY(const DesignInputs in, read_design_inputs(o->job));
         progress.begin_step("checking", 0.7);
@@ -45,7 +49,8 @@ void add_check(CLI::App& app, ChosenCommand& chosen) {
           if (!c.pass)
             text += fmt::format("  {}: {:.3f} {}, limit {:.3f}: {}\n", c.name, c.value, c.unit, c.limit,
                                 c.consequence);
-        return CommandOutput{text, j.dump(2), f.verdict == Verdict::kNotRealizable};
+        return CommandOutput{text, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace),
+                             f.verdict == Verdict::kNotRealizable};
       });
 }
 
@@ -63,8 +68,8 @@ void add_parameter_options(CLI::App& command, ParameterOptions& o) {
                      "one parameter, design.NAME=VALUE; repeatable. Defaults and ranges:" + names);
 }
 
-Result<SplintParameters> effective_parameters(const ParameterOptions& o) {
-  SplintParameters p;
+Result<SplintParameters> effective_parameters(const ParameterOptions& o, const SplintParameters& base = {}) {
+  SplintParameters p = base;
   if (!o.config.empty()) {
     GNATHION_TRY(p, read_parameters(o.config, p));
   }
@@ -86,7 +91,8 @@ CommandOutput design_output(const DesignOutcome& outcome, const std::string& whe
         v.apertures.size(), v.contacts.area_mm2);
     for (const std::string& w : outcome.design->warnings) text += "  warning: " + w + "\n";
   }
-  return {text + "  in " + where + "\n", outcome.report->dump(2), !outcome.accepted()};
+  return {text + "  in " + where + "\n",
+          outcome.report->dump(2, ' ', false, nlohmann::json::error_handler_t::replace), !outcome.accepted()};
 }
 
 void add_design(CLI::App& app, ChosenCommand& chosen) {
@@ -106,22 +112,25 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
   command->add_option("--arch", o->arch, "arch that wears the splint (so far: maxilla)")
       ->check(CLI::IsMember({"maxilla"}))
       ->capture_default_str();
-  command->add_option("--occlusal-surface", o->job.occlusal_surface, "S_occ; else found on the maxilla");
+  command->add_option("--occlusal-surface", o->job.occlusal_surface,
+                      "S_occ; so far it is drawn, and the splint is built on the one found on the maxilla");
   command->add_option("--mandible-pose", o->pose, "where the mandible's file has it")
       ->check(CLI::IsMember({"mi", "tp"}))
       ->capture_default_str();
   command->add_flag("--no-pictures", o->no_pictures, "leave the pictures out");
   add_parameter_options(*command, o->parameters);
-  finish_command(*command, chosen,
-                 [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-                   GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
-                   o->job.mandible_is_in_tp = o->pose == "tp";
-                   o->job.pictures = !o->no_pictures;
-                   GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force));
-                   GNATHION_TRY(const DesignOutcome outcome, run_design(o->job, staged.path(), progress));
-                   GNATHION_CHECK_OK(staged.commit());
-                   return design_output(outcome, o->out);
-                 });
+  finish_command(
+      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
+        o->job.mandible_is_in_tp = o->pose == "tp";
+        o->job.pictures = !o->no_pictures;
+        GNATHION_CHECK_OK(keeps_inputs(o->out, input_paths(o->job)));
+        GNATHION_TRY(StagedDirectory staged,
+                     StagedDirectory::create(o->out, common.force, {"design.json", "feasibility.json"}));
+        GNATHION_TRY(const DesignOutcome outcome, run_design(o->job, staged.path(), progress));
+        GNATHION_CHECK_OK(staged.commit());
+        return design_output(outcome, o->out);
+      });
 }
 
 void add_run(CLI::App& app, ChosenCommand& chosen) {
@@ -139,10 +148,11 @@ void add_run(CLI::App& app, ChosenCommand& chosen) {
   finish_command(*command, chosen,
                  [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
                    RunOptions run;
-                   GNATHION_TRY(run.parameters, effective_parameters(o->parameters));
+                   GNATHION_TRY(const CaseFile files, read_case(o->folder));
+                   GNATHION_TRY(run.parameters, effective_parameters(o->parameters, files.parameters));
                    run.force = common.force;
                    run.accept_slip = o->accept_slip;
-                   GNATHION_TRY(const CaseFile files, read_case(o->folder));
+
                    GNATHION_TRY(const CaseResults r, run_case(files, run, progress));
                    return design_output(r.design, (std::filesystem::path(o->folder) / "results").string());
                  });

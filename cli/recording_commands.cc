@@ -60,7 +60,9 @@ void add_info(CLI::App& recording, ChosenCommand& chosen) {
           if (verify && !s.whole)
             return bad_input("recording is damaged", *file,
                              fmt::format("bytes {} to {}: {}", s.damage_begin, s.damage_end, s.damage));
-          return CommandOutput{summary_text(s), summary_json(s).dump(2), false};
+          return CommandOutput{summary_text(s),
+                               summary_json(s).dump(2, ' ', false, nlohmann::json::error_handler_t::replace),
+                               false};
         },
         false);
   }
@@ -80,7 +82,7 @@ void add_recover(CLI::App& recording, ChosenCommand& chosen) {
         namespace fs = std::filesystem;
         const fs::path out =
             o->out.empty() ? fs::path(o->file).replace_extension(".recovered.mcap") : fs::path(o->out);
-        GNATHION_CHECK_OK(may_write(out.string(), common));
+        GNATHION_CHECK_OK(may_write(out.string(), common, {o->file}));
         std::error_code ec;
         if (fs::equivalent(o->file, out, ec))
           return fail(ErrorCode::kUsage, "cannot recover", out.string(), "is the damaged recording itself");
@@ -94,7 +96,9 @@ void add_recover(CLI::App& recording, ChosenCommand& chosen) {
         fs::rename(part, out, ec);
         if (ec) return fail(ErrorCode::kInternal, "cannot write", out.string(), ec.message());
         return CommandOutput{fmt::format("{} samples saved in {}\n", *count, out.string()),
-                             json{{"samples", *count}, {"out", out.string()}}.dump(2), false};
+                             json{{"samples", *count}, {"out", out.string()}}.dump(
+                                 2, ' ', false, nlohmann::json::error_handler_t::replace),
+                             false};
       });
 }
 
@@ -116,8 +120,10 @@ void add_track(CLI::App& app, ChosenCommand& chosen) {
   command->add_option("--csv", o->csv, "the bow's motion in the head frame as a table");
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_CHECK_OK(may_write(o->out, common));
-        if (!o->csv.empty()) GNATHION_CHECK_OK(may_write(o->csv, common));
+        GNATHION_CHECK_OK(may_write(o->out, common, {o->recording, o->rig}));
+        if (!o->csv.empty()) GNATHION_CHECK_OK(may_write(o->csv, common, {o->recording, o->rig}));
+        if (o->csv == o->out)
+          return fail(ErrorCode::kUsage, "cannot write", o->csv, "is also the other output");
         GNATHION_TRY(const Rig rig, read_rig(o->rig));
         progress.begin_step("tracking", 1.0);
         GNATHION_TRY(const SessionMotion session, track_recording(o->recording, rig, progress));
@@ -131,7 +137,7 @@ void add_track(CLI::App& app, ChosenCommand& chosen) {
         const json j = track_json(session);
         return CommandOutput{fmt::format("{} frames, {} with bow and head frame\n",
                                          j["frames"].get<std::size_t>(), j["valid"].get<std::size_t>()),
-                             j.dump(2), false};
+                             j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
       });
 }
 

@@ -9,8 +9,8 @@
 namespace gnathion {
 
 TerminalProgress::Mode progress_mode(bool quiet) {
-  if (quiet) return TerminalProgress::Mode::kSilent;
-  return ::isatty(STDERR_FILENO) ? TerminalProgress::Mode::kBar : TerminalProgress::Mode::kLines;
+  if (quiet || !::isatty(STDERR_FILENO)) return TerminalProgress::Mode::kSilent;
+  return TerminalProgress::Mode::kBar;
 }
 
 TerminalProgress::~TerminalProgress() {

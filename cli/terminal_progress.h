@@ -1,4 +1,4 @@
-// A progress bar that names its steps: one line on a terminal, a line a step elsewhere, silent if asked.
+// A progress bar that names its steps, on a terminal; silent elsewhere, or if asked.
 #pragma once
 
 #include <string>
@@ -11,7 +11,7 @@ namespace gnathion {
 /// Writes to stderr, so that --json keeps stdout to itself.
 class TerminalProgress : public Progress {
  public:
-  enum class Mode { kSilent, kLines, kBar };
+  enum class Mode { kSilent, kBar };
   explicit TerminalProgress(Mode mode) : mode_(mode) {}
   ~TerminalProgress() override;
   void begin_step(std::string_view name, double share) override;
@@ -27,7 +27,7 @@ class TerminalProgress : public Progress {
   Stopwatch step_time_;
 };
 
-/// Silent with --quiet; a bar when stderr is a terminal; else one line a step.
+/// A bar when stderr is a terminal and --quiet is not given.
 TerminalProgress::Mode progress_mode(bool quiet);
 
 }  // namespace gnathion

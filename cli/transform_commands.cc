@@ -38,20 +38,23 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
   command->add_option("--head-frame-model", o->files.head_frame_model,
                       "the head frame's CAD surface, worn in both face scans");
   command->add_option("--out", o->out, "chain.json")->required();
-  finish_command(*command, chosen,
-                 [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-                   GNATHION_CHECK_OK(may_write(o->out, common));
-                   GNATHION_TRY(const ChainScans scans, read_chain_scans(o->files));
-                   GNATHION_TRY(const Chain chain, solve_chain(scans, {}, progress));
-                   const json j = chain_json(chain);
-                   GNATHION_CHECK_OK(write_json(o->out, j));
-                   std::string text = pose_line("bow_from_dental", chain.bow_from_dental);
-                   if (chain.has_faces)
-                     text += pose_line("bow_from_face", chain.bow_from_face) +
-                             pose_line("dental_from_face", chain.dental_from_face) +
-                             pose_line("bow_motion", chain.bow_motion);
-                   return CommandOutput{text, j.dump(2), false};
-                 });
+  finish_command(
+      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_CHECK_OK(may_write(
+            o->out, common,
+            {o->files.mandible_mi.string(), o->files.clutch_scan.string(), o->files.bow_model.string(),
+             o->files.face_mi.string(), o->files.face_tp.string(), o->files.head_frame_model.string()}));
+        GNATHION_TRY(const ChainScans scans, read_chain_scans(o->files));
+        GNATHION_TRY(const Chain chain, solve_chain(scans, {}, progress));
+        const json j = chain_json(chain);
+        GNATHION_CHECK_OK(write_json(o->out, j));
+        std::string text = pose_line("bow_from_dental", chain.bow_from_dental);
+        if (chain.has_faces)
+          text += pose_line("bow_from_face", chain.bow_from_face) +
+                  pose_line("dental_from_face", chain.dental_from_face) +
+                  pose_line("bow_motion", chain.bow_motion);
+        return CommandOutput{text, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
+      });
 }
 
 void add_transform_scans(CLI::App& transform, ChosenCommand& chosen) {
@@ -67,7 +70,8 @@ void add_transform_scans(CLI::App& transform, ChosenCommand& chosen) {
   command->add_option("--out", o->out, "T_th.json")->required();
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_CHECK_OK(may_write(o->out, common));
+        GNATHION_CHECK_OK(
+            may_write(o->out, common, {o->maxilla_mi, o->mandible_mi, o->maxilla_tp, o->mandible_tp}));
         GNATHION_TRY(const TriangleMesh maxilla_mi, read_jaw(o->maxilla_mi));
         GNATHION_TRY(const TriangleMesh mandible_mi, read_jaw(o->mandible_mi));
         GNATHION_TRY(const TriangleMesh maxilla_tp, read_jaw(o->maxilla_tp));
@@ -81,7 +85,7 @@ void add_transform_scans(CLI::App& transform, ChosenCommand& chosen) {
         GNATHION_CHECK_OK(write_json(o->out, j));
         return CommandOutput{pose_line("maxilla", r.dental_from_intraoral_tp) +
                                  pose_line("mandible", r.mandible) + motion_text(r.therapeutic.value),
-                             j.dump(2), false};
+                             j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
       });
 }
 
@@ -125,7 +129,7 @@ void add_transform_motion(CLI::App& transform, ChosenCommand& chosen) {
   command->add_option("--out", o->out, "T_th.json")->required();
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_CHECK_OK(may_write(o->out, common));
+        GNATHION_CHECK_OK(may_write(o->out, common, {o->motion, o->calibration}));
         PlateauOptions plateaus;
         GNATHION_TRY(plateaus.mi_s, parse_intervals(o->mi_s));
         GNATHION_TRY(plateaus.tp_s, parse_intervals(o->tp_s));
@@ -141,7 +145,8 @@ void add_transform_motion(CLI::App& transform, ChosenCommand& chosen) {
         const json j = motion_json(route.estimate.therapeutic.value, route.estimate.therapeutic.covariance,
                                    camera_route_source(route));
         GNATHION_CHECK_OK(write_json(o->out, j));
-        return CommandOutput{motion_text(route.estimate.therapeutic.value), j.dump(2), false};
+        return CommandOutput{motion_text(route.estimate.therapeutic.value),
+                             j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
       });
 }
 

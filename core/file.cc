@@ -4,6 +4,7 @@
 #include <openssl/evp.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
@@ -98,12 +99,36 @@ Result<std::string> sha256_of_file(const fs::path& path) {
   return sha256_hex(bytes);
 }
 
-Result<StagedDirectory> StagedDirectory::create(const fs::path& target_given, bool force) {
+namespace {
+
+/// Whether an existing target may be replaced: a folder of ours, or an empty one.
+Status may_replace(const fs::path& target, const std::vector<std::string>& own_files) {
+  const auto refuse = [&](const char* why) {
+    return fail(ErrorCode::kUsage, "cannot replace", target.string(), why);
+  };
+  std::error_code ec;
+  if (!fs::is_directory(fs::symlink_status(target, ec))) return refuse("is not a folder");
+  const fs::path real = fs::canonical(target, ec), here = fs::current_path(ec);
+  if (std::mismatch(real.begin(), real.end(), here.begin(), here.end()).first == real.end())
+    return refuse("holds the current directory");
+  if (own_files.empty() || fs::is_empty(target, ec)) return {};
+  for (const std::string& name : own_files)
+    if (fs::exists(target / name, ec)) return {};
+  return refuse("is not a folder that gnathion wrote");
+}
+
+}  // namespace
+
+Result<StagedDirectory> StagedDirectory::create(const fs::path& target_given, bool force,
+                                                const std::vector<std::string>& own_files) {
   fs::path target = target_given.lexically_normal();
   if (!target.has_filename()) target = target.parent_path();
   std::error_code ec;
-  if (fs::exists(target, ec) && !force)
-    return fail(ErrorCode::kUsage, "cannot write", target.string(), "exists; --force replaces it");
+  if (fs::exists(fs::symlink_status(target, ec))) {
+    if (!force)
+      return fail(ErrorCode::kUsage, "cannot write", target.string(), "exists; --force replaces it");
+    GNATHION_CHECK_OK(may_replace(target, own_files));
+  }
   if (target.has_parent_path()) fs::create_directories(target.parent_path(), ec);
   const fs::path staging = beside(target, "staging");
   fs::remove_all(staging, ec);

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/result.h"
 
@@ -21,8 +22,10 @@ Result<std::string> sha256_of_file(const std::filesystem::path& path);
 /// commit(), it is removed with all that was written into it.
 class StagedDirectory {
  public:
-  /// Refuses an existing `target` unless `force`; a forced target is replaced at commit().
-  static Result<StagedDirectory> create(const std::filesystem::path& target, bool force);
+  /// Refuses an existing `target` unless `force`; a forced target is replaced at commit(). Even forced, only
+  /// a folder that holds one of `own_files` (or nothing) is replaced, and never the current directory.
+  static Result<StagedDirectory> create(const std::filesystem::path& target, bool force,
+                                        const std::vector<std::string>& own_files = {});
   ~StagedDirectory();
   StagedDirectory(StagedDirectory&& other) noexcept;
   StagedDirectory& operator=(StagedDirectory&&) = delete;

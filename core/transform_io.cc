@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Eigenvalues>
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -61,8 +62,7 @@ Result<MotionFile> parse_json(const std::string& text, const std::string& name) 
   if (j.is_discarded() || !j.is_object()) return bad_input(kWhat, name, "not valid JSON");
   const auto expect = [&](const char* key, const char* value) -> Status {
     if (!j.contains(key)) return {};
-    if (j[key] != value)
-      return bad_input(kWhat, name, fmt::format("'{}' is {}, \"{}\" expected", key, j[key].dump(), value));
+    if (j[key] != value) return bad_input(kWhat, name, fmt::format("'{}' is not \"{}\"", key, value));
     return {};
   };
   GNATHION_CHECK_OK(expect("kind", "motion"));
@@ -205,11 +205,15 @@ Result<Matrix6> covariance_from_json(const json& j, const std::string& where) {
   GNATHION_TRY(const Matrix6 m, square_from_json<6>(j, where, "covariance"));
   if (!m.allFinite() || !m.isApprox(m.transpose(), 1e-6))
     return bad_input(kWhat, where, "'covariance' is not symmetric");
+  const double lowest =
+      Eigen::SelfAdjointEigenSolver<Matrix6>(m, Eigen::EigenvaluesOnly).eigenvalues().minCoeff();
+  if (lowest < -1e-9 * (1e-12 + m.trace()))
+    return bad_input(kWhat, where, "'covariance' has a negative variance");
   return m;
 }
 
 Status write_json(const std::filesystem::path& path, const json& j) {
-  return write_file(path, j.dump(2) + "\n");
+  return write_file(path, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
 }
 
 Result<json> read_json(const std::filesystem::path& path) {

@@ -65,6 +65,9 @@ Result<CaseFile> read_case(const std::filesystem::path& folder) {
       return bad_input(kWhat, c.toml().string(), fmt::format("unknown section '{}'", name));
     GNATHION_CHECK_OK(take_files(*node.as_table(), name, section->second, c));
   }
+  if (t.contains("design")) {
+    GNATHION_TRY(c.parameters, read_parameters(c.toml()));
+  }
   c.kind = t["case"]["kind"].value_or(std::string("patient"));
   if (c.maxilla_mi.empty() || c.mandible_mi.empty())
     return bad_input(kWhat, c.toml().string(), "[scans] needs maxilla_mi and mandible_mi");

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/result.h"
+#include "design/parameters.h"
 
 namespace gnathion {
 
@@ -16,6 +17,7 @@ struct CaseFile {
   std::filesystem::path bow_model, head_frame_model;
   std::filesystem::path rig, recording;
   std::filesystem::path truth;  ///< phantoms only
+  SplintParameters parameters;  ///< [design], over the defaults
 
   std::filesystem::path toml() const { return folder / "case.toml"; }
 };

@@ -22,8 +22,11 @@ Status film_session(const PhantomPatient& patient, std::uint64_t seed, const fs:
   FilmOptions options;
   options.seed = seed;
   PhantomFilm film(film_scene(patient), options);
-  GNATHION_TRY(const std::string rig, read_file(folder / "rig.toml"));
-  return record(film, folder / "recording.mcap", {{"rig.toml", rig}}, film.frames_per_camera(), progress);
+  std::map<std::string, std::string> attachments;
+  for (const char* name : {"rig.toml", "bow.toml", "head_frame.toml"}) {
+    GNATHION_TRY(attachments[name], read_file(folder / name));
+  }
+  return record(film, folder / "recording.mcap", attachments, film.frames_per_camera(), progress);
 }
 
 /// Largest difference of two maps over the mandible's crowns. For a map between frames the crowns are first

@@ -57,8 +57,12 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
     GNATHION_TRY(InputRecord record, record_of(path));
     in.files.push_back(std::move(record));
   }
+  if (!job.shown_folder.empty())
+    for (InputRecord& file : in.files)
+      file.path = fs::path(file.path).lexically_relative(job.shown_folder).string();
+  if (!job.shown_transform.empty()) in.files.back().path = job.shown_transform.string();
   if (!job.occlusal_surface.empty()) {
-    GNATHION_TRY(in.splint.occlusal_surface, read_mesh(job.occlusal_surface));
+    GNATHION_TRY(in.splint.occlusal_surface, read_jaw(job.occlusal_surface));
     GNATHION_TRY(InputRecord record, record_of(job.occlusal_surface));
     in.files.push_back(std::move(record));
   }
@@ -87,7 +91,17 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
   }
 
   NestedProgress building(progress, "building and verifying the splint", 0.70);
-  GNATHION_TRY(outcome.design, design_splint(inputs.splint, job.parameters, building));
+  Result<SplintDesign> design = design_splint(inputs.splint, job.parameters, building);
+  if (!design && design.error().code == ErrorCode::kGate) {  // no solid came out: a verdict, not an error
+    json report = refusal_json(job, inputs, outcome.feasibility, total.seconds());
+    report["verdict"] = "fail";
+    report["violated"] = {design.error().line()};
+    outcome.report = std::make_shared<json>(std::move(report));
+    GNATHION_CHECK_OK(write_json(folder / "design.json", *outcome.report));
+    return outcome;
+  }
+  if (!design) return tl::unexpected<Error>(design.error());
+  outcome.design = std::move(*design);
 
   progress.begin_step("writing and drawing", 0.15);
   GNATHION_CHECK_OK(write_splint(*outcome.design, inputs, folder));

@@ -22,6 +22,8 @@ struct DesignJob {
   bool mandible_is_in_tp = false;          ///< the file has the mandible in TP already
   SplintParameters parameters;
   bool pictures = true;
+  std::filesystem::path shown_folder;     ///< reports name inputs relative to it; empty: as given
+  std::filesystem::path shown_transform;  ///< how reports name the transform's file; empty: as it is
 };
 
 /// Inputs as read, in Dental, mandible in MI.

@@ -73,10 +73,11 @@ std::string motion_section(const CaseResults& r) {
   if (r.comparison)
     text += fmt::format(
         " The camera and the face scans give T_th independently: they differ by at most {:.3f} mm and "
-        "{:.3f}° ({}); the two are fused by their covariances.",
+        "{:.3f}° ({}).",
         r.comparison->largest_mm, r.comparison->angle_deg,
-        r.comparison->consistent ? "within their stated errors"
-                                 : "<span class=fail>more than their stated errors allow</span>");
+        r.comparison->consistent
+            ? "within their stated errors; the two are fused by their covariances"
+            : "<span class=fail>more than their stated errors allow: the camera alone is used</span>");
   text += "</p><table>" + row({"point of the mandible", "displacement [mm]", "95 % bound [mm]"}, "th");
   for (std::size_t i = 0; i < r.landmarks.size(); ++i)
     text += row({r.landmark_names[i], fmt::format("{:.3f}", r.landmarks[i].length_mm),
@@ -134,7 +135,7 @@ std::string check_section(const CaseResults& r) {
   std::string text = fmt::format("<h2>Can it be realized?</h2><p>{}</p><table>", number(j["verdict"]));
   text += row({"constraint", "value", "limit", "unit", ""}, "th");
   for (const json& c : j["constraints"]) {
-    const bool pass = c["pass"].is_boolean() && c["pass"].get<bool>();
+    const bool pass = c["pass"].is_boolean() && c["pass"].get<bool>() && !c["value"].is_null();
     text += row({number(c["name"]), number(c["value"]), number(c["limit"]), number(c["unit"]),
                  pass ? "<span class=pass>pass</span>" : number(c["consequence"])});
   }

@@ -83,8 +83,9 @@ Status find_therapeutic(const CaseFile& files, const RunOptions& options, const 
     const Matrix6& shared = r.chain.bow_from_dental.covariance;
     GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
     r.comparison = compare_routes(r.camera.estimate, *r.faces, shared, mandible.vertices_mm);
-    r.therapeutic = fuse_routes(r.camera.estimate, *r.faces, shared);
-    source = {{"routes", {"camera", "face scans"}},
+    // Routes that contradict each other must not sharpen each other: the camera's stands alone then.
+    if (r.comparison->consistent) r.therapeutic = fuse_routes(r.camera.estimate, *r.faces, shared);
+    source = {{"routes", r.comparison->consistent ? json{"camera", "face scans"} : json{"camera"}},
               {"comparison",
                {{"largest_mm", r.comparison->largest_mm},
                 {"angle_deg", r.comparison->angle_deg},
@@ -107,6 +108,8 @@ Status design_of(const CaseFile& files, const RunOptions& options, const fs::pat
   DesignJob job;
   job.maxilla = files.maxilla_mi;
   job.mandible = files.mandible_mi;
+  job.shown_transform = "results/T_th.json";
+  job.shown_folder = files.folder;
   job.transform = out / "T_th.json";
   job.parameters = options.parameters;
   GNATHION_TRY(r.design, run_design(job, out, designing));

@@ -22,6 +22,27 @@ json plateau_json(const Plateau& p) {
           {"dispersion_deg", p.dispersion_deg}};
 }
 
+/// A jaw that moves is in neither position: the mean over it would be a number without meaning.
+Status check_rests(const JawPositions& positions, const PlateauOptions& options) {
+  constexpr double kLargestDispersion_mm = 0.3;
+  const auto refuse = [](const Plateau& p, const std::string& why) {
+    return bad_input("cannot average MI and TP", fmt::format("{:.2f}..{:.2f} s", p.start_s, p.end_s), why);
+  };
+  if (positions.mi.size() < options.mi_s.size() || positions.tp.size() < options.tp_s.size())
+    return bad_input("cannot average MI and TP", "given intervals",
+                     "at least one of them has too few valid frames");
+  for (const auto* plateaus : {&positions.mi, &positions.tp})
+    for (const Plateau& p : *plateaus)
+      if (p.dispersion_mm > kLargestDispersion_mm)
+        return refuse(p, fmt::format("the jaw does not rest: {:.2f} mm of dispersion, {:.2f} allowed",
+                                     p.dispersion_mm, kLargestDispersion_mm));
+  for (const Plateau& mi : positions.mi)
+    for (const Plateau& tp : positions.tp)
+      if (mi.start_s < tp.end_s && tp.start_s < mi.end_s)
+        return refuse(tp, fmt::format("TP overlaps MI, {:.2f}..{:.2f} s", mi.start_s, mi.end_s));
+  return {};
+}
+
 }  // namespace
 
 Result<ChainScans> read_chain_scans(const ChainFiles& files) {
@@ -50,6 +71,7 @@ Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& 
   options.point_in_bow_mm = bow_from_dental.value.translation_mm;
   CameraRoute route;
   GNATHION_TRY(route.positions, find_jaw_positions(session, options));
+  GNATHION_CHECK_OK(check_rests(route.positions, options));
   route.estimate = therapeutic_from_camera(bow_from_dental, route.positions.head_from_bow_mi,
                                            route.positions.head_from_bow_tp);
   return route;

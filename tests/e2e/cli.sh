@@ -18,12 +18,15 @@ expect() {
   if [ -n "$pattern" ] && { [ "$(wc -l <"$work/stderr")" -ne 1 ] || ! grep -qE "$pattern" "$work/stderr"; }; then
     echo "FAILED: stderr is not one line with '$pattern': $*"; cat "$work/stderr"; failures=$((failures + 1)); return
   fi
+  if ls -A "$work" | grep -qE '(staging|part)'; then
+    echo "FAILED: left a half-written output: $*"; failures=$((failures + 1)); rm -rf "$work"/.out.*
+  fi
   if [ "$code" -ne 0 ] && [ -e "$work/out" ]; then
     echo "FAILED: left an output behind: $*"; failures=$((failures + 1)); rm -rf "$work/out"
   fi
 }
 
-design() { expect "$1" "$2" "$gnathion" design --quiet --maxilla "$3" --mandible "$4" --transform "$5" --out "$work/out"; }
+design() { expect "$1" "$2" "$gnathion" design --maxilla "$3" --mandible "$4" --transform "$5" --out "$work/out"; }
 
 # A small closed box in the shape of nothing dental, and broken variants of files.
 python3 - "$work" <<'PY'
@@ -48,6 +51,27 @@ write('identity.txt', b'1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n')
 write('scaled.txt', b'1.1 0 0 0 0 1.1 0 0 0 0 1.1 0 0 0 0 1\n')
 write('mirror.txt', b'-1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n')
 write('short.txt', b'1 0 0\n')
+write('deep.json', b'{"kind":' + b'[' * 3000 + b']' * 3000 + b'}')
+tag = '[[tag]]\nid = %d\ncorners_mm = [[0,0,0],[20,0,0],[20,20,0],[0,20,0]]\n'
+for name, first in (('bow', 0), ('head_frame', 20)):
+    write(name + '.toml', ('name = "%s"\n' % name + tag % first).encode())
+write('rig.toml', b'''bow = "bow.toml"
+head_frame = "head_frame.toml"
+[[camera]]
+name = "camera_0"
+width_px = 1280
+height_px = 720
+fx_px = 1100
+fy_px = 1100
+cx_px = 639.5
+cy_px = 359.5
+k1 = 0
+k2 = 0
+p1 = 0
+p2 = 0
+k3 = 0
+rig_from_camera = [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]
+''')
 write('not.mcap', b'this is not a recording')
 write('case.toml', b'[scans]\nmaxila_mi = "x"\n')
 PY
@@ -66,13 +90,22 @@ design 4 'mirror.txt.*determinant -1' "$box" "$box" "$work/mirror.txt"
 design 4 'short.txt.*3 numbers' "$box" "$box" "$work/short.txt"
 design 4 'gnathion: ' "$box" "$box" "$id"   # two boxes are no jaws
 
+# --force never takes an input or a folder that is not ours.
+mkdir -p "$work/mine" && cp "$box" "$work/mine/u.stl"
+expect 2 'holds the input' "$gnathion" design --maxilla "$work/mine/u.stl" --mandible "$box" --transform "$id" --out "$work/mine" --force
+expect 2 'not a folder that gnathion wrote' "$gnathion" design --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/mine" --force
+expect 2 'is an input' "$gnathion" check --maxilla "$box" --mandible "$box" --transform "$id" --out "$box" --force
+expect 2 'folder does not exist' "$gnathion" check --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/nowhere/f.json"
+[ -e "$work/mine/u.stl" ] && [ -s "$box" ] || { echo "FAILED: an input is gone"; failures=$((failures + 1)); }
+expect 4 'kind' "$gnathion" check --maxilla "$box" --mandible "$box" --transform "$work/deep.json" --out "$work/out"
+
 expect 2 'wrong usage' "$gnathion" frobnicate
 expect 2 'wrong usage' "$gnathion" design --maxilla "$box"
 expect 2 'voxel' "$gnathion" design --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out" --set design.voxel_mm=0
 expect 2 'no_such' "$gnathion" design --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out" --set design.no_such=1
-expect 4 'not.mcap' "$gnathion" recording info --quiet "$work/not.mcap"
-expect 4 'absent.mcap' "$gnathion" recording verify --quiet "$work/absent.mcap"
-expect 4 "maxila_mi" "$gnathion" run --quiet "$work"
+expect 4 'not.mcap' "$gnathion" recording info "$work/not.mcap"
+expect 4 'absent.mcap' "$gnathion" recording verify "$work/absent.mcap"
+expect 4 "maxila_mi" "$gnathion" run "$work"
 expect 0 '' "$gnathion" --help
 expect 0 '' "$gnathion" --version
 for command in demo phantom 'recording info' 'recording verify' 'recording recover' track 'calibrate chain' \
@@ -87,6 +120,8 @@ expect 0 '' "$gnathion" recording info --json --quiet "$seed"
 grep -q '"missing": 1' "$work/stdout" || { echo "FAILED: the ledger lost a lost frame"; failures=$((failures + 1)); }
 head -c 2000 "$seed" >"$work/cut.mcap"
 expect 4 'cut.mcap.*' "$gnathion" recording verify --quiet "$work/cut.mcap"
+
+expect 4 'cut off' "$gnathion" track --recording "$work/cut.mcap" --rig "$work/rig.toml" --out "$work/out"
 
 # Real jaws, where they are.
 jaws=../shared/data/jaws
