@@ -1,4 +1,4 @@
-// Precompiled for every module: the standard headers and Eigen; never VTK, Ceres or OpenVDB.
+// Precompiled for every module: the standard headers and Eigen; never VTK or Ceres.
 #pragma once
 #include <algorithm>
 #include <array>
