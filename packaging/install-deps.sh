@@ -2,9 +2,8 @@
 # Installs what packaging/apt-packages.txt names and the machine lacks; says first what it will install.
 set -euo pipefail
 list="$(dirname "$0")/apt-packages.txt"
-mapfile -t wanted < <(sed 's/#.*//' "$list" | tr -s ' \t' '\n' | grep -v '^$')
 missing=()
-for package in "${wanted[@]}"; do
+for package in $(sed 's/#.*//' "$list"); do
   dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
 done
 [ ${#missing[@]} -eq 0 ] && exit 0
