@@ -28,7 +28,7 @@ constexpr double kTipGapVoxels = 0.5;       // room at tips of the maxilla that 
 constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the mandible
 constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
-constexpr double kFilmMarginVoxels = 0.2;  // what triangles may take from the thinnest wall
+constexpr double kFilmMarginVoxels = 0.5;  // what triangles may take from the thinnest wall
 constexpr double kFullGapDeg = 60.0;       // from the stop angle to here the gap grows from h to g
 
 double smoothstep(double t) {
