@@ -1,0 +1,45 @@
+#include "acquisition/device.h"
+
+#include <fmt/format.h>
+
+#include <functional>
+
+namespace gnathion {
+namespace {
+
+using Opener = std::function<Result<std::unique_ptr<Device>>(const DeviceConfig&, Clock&)>;
+
+/// Every kind of instrument, one line each.
+const std::map<std::string, Opener>& openers() {
+  static const std::map<std::string, Opener> table = {};
+  return table;
+}
+
+}  // namespace
+
+const char* name_of(DeviceState state) {
+  switch (state) {
+    case DeviceState::kStarting:
+      return "starting";
+    case DeviceState::kRunning:
+      return "running";
+    case DeviceState::kRecovering:
+      return "recovering";
+    case DeviceState::kFailed:
+      return "failed";
+    case DeviceState::kStopped:
+      return "stopped";
+  }
+  return "unknown";
+}
+
+Result<std::unique_ptr<Device>> open_device(const DeviceConfig& config, Clock& clock) {
+  const auto found = openers().find(config.kind);
+  if (found != openers().end()) return found->second(config, clock);
+  std::vector<std::string> kinds;
+  for (const auto& [kind, opener] : openers()) kinds.push_back(kind);
+  return bad_input("cannot open device", config.where,
+                   fmt::format("unknown kind '{}'; known are {}", config.kind, fmt::join(kinds, ", ")));
+}
+
+}  // namespace gnathion
