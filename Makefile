@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench fuzz asan tsan tidy format clean
+.PHONY: all deps build demo test bench fuzz asan tsan tidy campaign format clean
 
 all: build
 
@@ -33,6 +33,10 @@ fuzz: deps
 	@cmake --preset fuzz > /dev/null && cmake --build build/fuzz -j $(JOBS) --target mesh_fuzz recording_fuzz transform_fuzz
 	@for t in mesh recording transform; do mkdir -p build/fuzz/corpus/$$t; \
 	  build/fuzz/bin/$${t}_fuzz -max_total_time=60 -rss_limit_mb=2048 build/fuzz/corpus/$$t tests/fuzz/corpus/$$t || exit 1; done
+
+# The long form of the tests: every real jaw pair with every transformation, at 0.1 and 0.2 mm.
+campaign: build
+	@$(BIN)/e2e_design_real_test --gtest_also_run_disabled_tests
 
 asan tsan: deps
 	@cmake --preset $@ > /dev/null && cmake --build build/$@ -j $(JOBS) && ctest --test-dir build/$@ --output-on-failure
