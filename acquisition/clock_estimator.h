@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <vector>
 
 #include "core/time.h"
 
@@ -16,39 +17,62 @@ struct ClockEstimate {
   std::int64_t reference_ns = 0;  ///< device time at which offset_ns holds
   double offset_ns = 0;
   double drift_ppm = 0;
-  double jitter_ms = 0;  ///< robust spread of the arrivals about the line
+  double jitter_ms = 0;  ///< robust spread (1.48 MAD) of the arrivals about the line
   std::uint64_t samples = 0, outliers = 0;
+  std::uint64_t restarts = 0;  ///< how often the device's (or host's) clock jumped
 };
 
 /// Feeds on pairs of device time and arrival. Arrivals are late by a constant latency plus jitter that is
-/// never negative, and a few are very late; the estimate follows the bulk, so that host_from_device() moves
-/// smoothly and never backwards. The constant latency cannot be seen from here: `latency_ns` (from the
-/// configuration, or from a temporal calibration) is subtracted. A device clock that jumps (reset, wrap)
-/// starts a new estimate. One thread at a time.
+/// never negative, and a few are very late; the line follows the earliest arrivals, so that
+/// host_from_device() moves smoothly and never backwards. The constant latency cannot be seen from here:
+/// `latency_ns` (from the configuration, or from a temporal calibration) is subtracted. A device clock that
+/// jumps (reset, wrap) starts a new estimate, which keeps what is known of the drift. add() costs O(1) but
+/// for two regressions a second over at most 64 points. One thread at a time.
 class ClockEstimator {
  public:
   struct Options {
     double window_s = 30;  ///< memory of the regression
     std::int64_t latency_ns = 0;
     double max_drift_ppm = 500;
+    double jump_s = 0.5;  ///< a delay that changes by more is a clock that jumped, or a stalled transport
   };
   ClockEstimator() : ClockEstimator(Options{}) {}
   explicit ClockEstimator(Options options);
 
-  /// Takes the pair and returns the host's time of that device instant.
+  /// Takes the pair and returns the host's time of that device instant: later than that of every pair before
+  /// (also when device times repeat, go back or jump), and not after its arrival where that allows it.
   HostTime add(DeviceTime device, HostTime arrival);
   /// The host's time of a device instant by what is known so far; nothing before the first pair.
   std::optional<HostTime> host_from_device(DeviceTime device) const;
   const ClockEstimate& estimate() const { return estimate_; }
 
  private:
-  struct Pair {
-    std::int64_t device_ns, arrival_ns;
+  /// The earliest arrival of a short stretch of time: what the regression sees.
+  struct Point {
+    std::int64_t device_ns, delay_ns;
   };
+  struct Stretch {
+    std::int64_t begin_device_ns = 0;
+    std::optional<Point> earliest;
+  };
+  enum class Kind { kUsual, kHeld, kJumped };
+  Kind judge(std::int64_t device_ns, std::int64_t delay_ns, std::int64_t residual_ns);
+  void restart();
+  void take(Point point);
   void fit();
+  void take_residual(std::int64_t residual_ns);
+  std::int64_t line_delay_ns(std::int64_t device_ns) const;
+  HostTime monotone(std::int64_t device_ns, std::int64_t arrival_ns);
+
   Options options_;
-  std::deque<Pair> pairs_;
+  std::deque<Point> points_;
+  Stretch open_;
+  std::vector<Point> held_;  ///< pairs that do not fit: three that agree are a clock that jumped
+  std::vector<float> residuals_ms_;
+  std::size_t next_residual_ = 0;
+  double drift_prior_ppm_ = 0, drift_prior_sigma_ppm_ = 100;
   ClockEstimate estimate_;
+  std::int64_t last_device_ns_ = 0;
   std::int64_t last_host_ns_ = INT64_MIN;
 };
 
