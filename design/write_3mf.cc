@@ -7,30 +7,10 @@
 #include <zlib.h>
 
 #include "core/file.h"
+#include "core/xml.h"
 
 namespace gnathion {
 namespace {
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  return out;
-}
 
 std::string model_xml(const TriangleMesh& mesh,
                       const std::vector<std::pair<std::string, std::string>>& metadata) {
@@ -41,7 +21,7 @@ std::string model_xml(const TriangleMesh& mesh,
       "xmlns:gnathion=\"https://gnathion.example/3mf/2026\">\n"
       " <metadata name=\"Application\">Gnathion</metadata>\n";
   for (const auto& [name, value] : metadata)
-    xml += fmt::format(" <metadata name=\"gnathion:{}\">{}</metadata>\n", escaped(name), escaped(value));
+    xml += fmt::format(" <metadata name=\"gnathion:{}\">{}</metadata>\n", xml_escaped(name), xml_escaped(value));
   xml += " <resources>\n  <object id=\"1\" type=\"model\" name=\"splint\">\n   <mesh>\n    <vertices>\n";
   auto to = std::back_inserter(xml);
   for (const Vector3& v : mesh.vertices_mm)

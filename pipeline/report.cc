@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/file.h"
+#include "core/xml.h"
 #include "pipeline/run_case.h"
 #include "pipeline/version.h"
 
@@ -24,40 +25,6 @@ td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
 .pictures{display:grid;grid-template-columns:1fr 1fr;gap:14px}figure{margin:0}img{width:100%;border:1px solid #dde}
 figcaption{font-size:.85em;color:#556}
 )css";
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) switch (c) {
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '&':
-        out += "&amp;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  return out;
-}
-
-std::string base64(const std::string& bytes) {
-  static const char* alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    std::uint32_t block = 0;
-    for (std::size_t k = 0; k < 3; ++k)
-      block = block << 8 | (i + k < bytes.size() ? static_cast<unsigned char>(bytes[i + k]) : 0u);
-    for (std::size_t k = 0; k < 4; ++k)
-      out += i + k > bytes.size() ? '=' : alphabet[block >> (18 - 6 * k) & 63];
-  }
-  return out;
-}
 
 std::string row(const std::vector<std::string>& cells, const char* tag = "td") {
   std::string text = "<tr>";
@@ -113,7 +80,7 @@ std::string chain_section(const Chain& chain) {
   const auto add = [&](const char* name, const ChainPose& p) {
     text += row({name, fmt::format("{:.3f}", p.rms_mm), fmt::format("{:.3f}", p.held_out_mm),
                  fmt::format("{:.0f}", p.condition)});
-    for (const std::string& w : p.weak) text += row({"&nbsp;&nbsp;" + escaped(w)});
+    for (const std::string& w : p.weak) text += row({"&nbsp;&nbsp;" + xml_escaped(w)});
   };
   add("T_D, bow from dental", chain.bow_from_dental);
   if (chain.has_faces) {
@@ -127,7 +94,7 @@ std::string chain_section(const Chain& chain) {
 std::string number(const json& j) {
   if (j.is_number_integer()) return std::to_string(j.get<long long>());
   if (j.is_number()) return fmt::format("{:.4g}", j.get<double>());
-  return j.is_null() ? "not checked" : escaped(j.is_string() ? j.get<std::string>() : j.dump());
+  return j.is_null() ? "not checked" : xml_escaped(j.is_string() ? j.get<std::string>() : j.dump());
 }
 
 std::string check_section(const CaseResults& r) {
@@ -186,7 +153,7 @@ Result<std::string> pictures_section(const fs::path& folder) {
 std::string inputs_section(const CaseResults& r) {
   std::string text = "<h2>Inputs</h2><table>" + row({"file", "SHA-256"}, "th");
   for (const json& f : (*r.design.report)["inputs"])
-    text += row({escaped(fs::path(f["path"].get<std::string>()).filename().string()),
+    text += row({xml_escaped(fs::path(f["path"].get<std::string>()).filename().string()),
                  "<code>" + number(f["sha256"]) + "</code>"});
   return text + "</table>";
 }

@@ -1,7 +1,6 @@
-// Cross-section of a mesh by a plane, as chains.
-#include <map>
+#include "core/mesh_section.h"
 
-#include "rendering/plot.h"
+#include <map>
 
 namespace gnathion {
 namespace {
