@@ -11,15 +11,15 @@
 
 namespace gnathion {
 
-/// A plane through the arch where profiles are taken; in Dental.
-struct SectionPlane {
+/// A plane through the arch where profiles are taken; in Dental. (SectionPlane is core/mesh_section.h's.)
+struct ProfilePlane {
   std::string name;  ///< "canine_left", "molar_right", "palate", …
   Vector3 point_mm = Vector3::Zero();
   Vector3 normal = Vector3::UnitX();
   Vector3 up = Vector3::UnitZ();  ///< in the plane: from mandible to maxilla
 };
 /// Across the crowns at canines and first molars of both sides, and across the palate between the molars.
-std::vector<SectionPlane> standard_planes(const ArchFrame& frame, const TriangleMesh& maxilla,
+std::vector<ProfilePlane> standard_planes(const ArchFrame& frame, const TriangleMesh& maxilla,
                                           const std::vector<std::uint8_t>& maxilla_fdi);
 
 struct Spread {
@@ -36,7 +36,7 @@ struct ProfilePoint {
   std::optional<double> printed_gap_mm, printed_wall_mm;  ///< where the scans show it
 };
 struct ProfileFigures {
-  SectionPlane plane;
+  ProfilePlane plane;
   std::vector<ProfilePoint> points;
   Spread planned_gap, printed_gap, planned_wall, printed_wall;
 };
