@@ -47,29 +47,33 @@ class ClockEstimator {
   const ClockEstimate& estimate() const { return estimate_; }
 
  private:
-  /// The earliest arrival of a short stretch of time: what the regression sees.
   struct Point {
-    std::int64_t device_ns, delay_ns;
+    std::int64_t device_ns, delay_ns;  ///< delay: arrival − device time
   };
-  struct Stretch {
-    std::int64_t begin_device_ns = 0;
-    std::optional<Point> earliest;
+  /// Pairs that do not fit, as long as they agree among themselves.
+  struct Held {
+    Point first, earliest;
+    int count = 0;
   };
-  enum class Kind { kUsual, kHeld, kJumped };
-  Kind judge(std::int64_t device_ns, std::int64_t delay_ns, std::int64_t residual_ns);
-  void restart();
-  void take(Point point);
+  enum class Kind { kUsual, kLate, kOdd, kJumped };
+  Kind judge(Point pair, std::int64_t residual_ns);
+  void restart(Point from);
+  void take(Point pair, std::int64_t residual_ns);
+  void drop_points_before_a_step();
   void fit();
-  void take_residual(std::int64_t residual_ns);
+  void fit_line();
+  void fit_jitter();
   std::int64_t line_delay_ns(std::int64_t device_ns) const;
-  HostTime monotone(std::int64_t device_ns, std::int64_t arrival_ns);
+  HostTime monotone(std::int64_t candidate_ns, std::int64_t device_ns, std::int64_t arrival_ns);
 
   Options options_;
-  std::deque<Point> points_;
-  Stretch open_;
-  std::vector<Point> held_;  ///< pairs that do not fit: three that agree are a clock that jumped
-  std::vector<float> residuals_ms_;
+  std::deque<Point> points_;   ///< the earliest arrival of each stretch of time: what the regression sees
+  std::optional<Point> open_;  ///< of the stretch that is not over yet
+  std::int64_t open_begin_ns_ = 0;
+  Held held_;
+  std::vector<double> residuals_ms_;  ///< of the last pairs, a ring
   std::size_t next_residual_ = 0;
+  double residual_median_ms_ = 0;
   double drift_prior_ppm_ = 0, drift_prior_sigma_ppm_ = 100;
   ClockEstimate estimate_;
   std::int64_t last_device_ns_ = 0;
