@@ -27,6 +27,22 @@ void BM_ClosestPoint(benchmark::State& state) {
 }
 BENCHMARK(BM_ClosestPoint)->Unit(benchmark::kMicrosecond);
 
+/// The same points in one call, on all cores; per point.
+void BM_ClosestPoints(benchmark::State& state) {
+  static const MeshQuery query(jaws().maxilla);
+  Random random(8);
+  std::vector<Vector3> points;
+  const auto& vertices = query.mesh().vertices_mm;
+  for (int i = 0; i < 1500000; ++i)
+    points.push_back(vertices[random.below(static_cast<std::uint32_t>(vertices.size()))] +
+                     0.1 * random.normal3());
+  for (auto _ : state) benchmark::DoNotOptimize(closest_points(query, points));
+  state.counters["s_per_million"] =
+      benchmark::Counter(1e-6 * static_cast<double>(points.size()),
+                         benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+BENCHMARK(BM_ClosestPoints)->Unit(benchmark::kSecond)->UseRealTime();
+
 /// One design; its stages' seconds and the peak memory stand as counters.
 void BM_Design(benchmark::State& state) {
   SplintInputs in{jaws().maxilla, jaws().mandible_mi,

@@ -38,8 +38,11 @@ struct PointSearch {
   std::uint32_t triangle = kBoundary;
 
   bool consider(std::uint32_t candidate) {
-    const TrianglePoint found = closest_on_triangle(p_mm, mesh->corner(candidate, 0),
-                                                    mesh->corner(candidate, 1), mesh->corner(candidate, 2));
+    return consider(candidate, mesh->corner(candidate, 0), mesh->corner(candidate, 1),
+                    mesh->corner(candidate, 2));
+  }
+  bool consider(std::uint32_t candidate, const Vector3& a, const Vector3& b, const Vector3& c) {
+    const TrianglePoint found = closest_on_triangle(p_mm, a, b, c);
     // Of equally close triangles the first counts, so that the order of the search does not matter.
     if (found.squared_distance > best.squared_distance) return false;
     if (found.squared_distance == best.squared_distance && candidate > triangle) return false;
@@ -47,6 +50,11 @@ struct PointSearch {
     triangle = candidate;
     return true;
   }
+};
+
+/// Every triangle whose box comes within the query's radius.
+struct BallSearch {
+  std::vector<std::uint32_t>* found;
 };
 
 struct RaySearch {
@@ -93,6 +101,11 @@ struct MeshQuery::Impl {
 
   static void bounds(const RTCBoundsFunctionArguments* args);
   static bool visit_point(RTCPointQueryFunctionArguments* args);
+  static bool visit_ball(RTCPointQueryFunctionArguments* args) {
+    static_cast<BallSearch*>(args->userPtr)->found->push_back(args->primID);
+    return false;
+  }
+  void triangles_near(const Vector3& p_mm, double reach_mm, std::vector<std::uint32_t>& found) const;
   static void visit_ray(const RTCIntersectFunctionNArguments* args);
   static void occlusion_not_used(const RTCOccludedFunctionNArguments*) {}
 };
@@ -172,6 +185,17 @@ bool MeshQuery::Impl::visit_point(RTCPointQueryFunctionArguments* args) {
   return true;
 }
 
+void MeshQuery::Impl::triangles_near(const Vector3& p_mm, double reach_mm,
+                                     std::vector<std::uint32_t>& found) const {
+  const double slack = kSlack * ((p_mm - centre_mm).norm() + reach_mm);
+  const Eigen::Vector3f q = (p_mm - centre_mm).cast<float>();
+  RTCPointQuery query{q.x(), q.y(), q.z(), 0.0f, static_cast<float>(reach_mm * (1.0 + kSlack) + slack)};
+  RTCPointQueryContext context;
+  rtcInitPointQueryContext(&context);
+  BallSearch search{&found};
+  rtcPointQuery(scene, &query, &context, &Impl::visit_ball, &search);
+}
+
 Vector3 MeshQuery::Impl::edge_normal(std::uint32_t side) const {
   const auto unit_normal = [this](std::uint32_t triangle) -> Vector3 {
     const Vector3 n = face_normal_scaled(mesh, triangle);
@@ -235,11 +259,74 @@ std::optional<ClosestPoint> MeshQuery::closest(const Vector3& p_mm, double max_d
   return impl_->finished(search);
 }
 
+namespace {
+
+SignedDistance with_side(const Vector3& p_mm, const ClosestPoint& found) {
+  const bool inside = !found.on_boundary && (p_mm - found.point_mm).dot(found.normal) < 0.0;
+  return {inside ? -found.distance_mm : found.distance_mm, found};
+}
+
+}  // namespace
+
 std::optional<SignedDistance> MeshQuery::signed_distance(const Vector3& p_mm, double max_distance_mm) const {
   const std::optional<ClosestPoint> found = closest(p_mm, max_distance_mm);
   if (!found) return std::nullopt;
-  const bool inside = !found->on_boundary && (p_mm - found->point_mm).dot(found->normal) < 0.0;
-  return SignedDistance{inside ? -found->distance_mm : found->distance_mm, *found};
+  return with_side(p_mm, *found);
+}
+
+bool LocalQuery::gather(const Vector3& centre_mm, double radius_mm, double max_distance_mm) {
+  constexpr std::size_t kMost = 256;
+  candidates_.clear();
+  found_.clear();
+  direct_ = false;
+  centre_mm_ = centre_mm;
+  const double reach_mm = max_distance_mm + radius_mm;
+  const std::optional<ClosestPoint> nearest = query_->closest(centre_mm, reach_mm);
+  if (!nearest) return false;
+  // A point of the ball has nearest's triangle within its distance + radius, so its own is within + 2 radii.
+  const double ball_mm = std::min(reach_mm, nearest->distance_mm + 2.0 * radius_mm);
+  query_->impl_->triangles_near(centre_mm, ball_mm, found_);
+  direct_ = found_.size() > kMost;
+  if (direct_) return true;
+  const TriangleMesh& mesh = query_->mesh();
+  for (const std::uint32_t t : found_) {
+    Candidate c;
+    for (int k = 0; k < 3; ++k) c.corner[k] = mesh.corner(t, k);
+    c.centre = (c.corner[0] + c.corner[1] + c.corner[2]) / 3.0;
+    for (const Vector3& corner : c.corner) c.radius = std::max(c.radius, (corner - c.centre).norm());
+    c.nearest_mm = (c.centre - centre_mm).norm() - c.radius;
+    c.triangle = t;
+    if (c.nearest_mm <= ball_mm * (1.0 + 1e-9) + 1e-9) candidates_.push_back(c);
+  }
+  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
+    return a.nearest_mm != b.nearest_mm ? a.nearest_mm < b.nearest_mm : a.triangle < b.triangle;
+  });
+  return true;
+}
+
+std::optional<ClosestPoint> LocalQuery::closest(const Vector3& p_mm, double max_distance_mm) const {
+  if (direct_) return query_->closest(p_mm, max_distance_mm);
+  PointSearch search{&query_->mesh(), p_mm, 0.0, {}};
+  search.best.squared_distance = max_distance_mm * max_distance_mm;
+  double best_mm = max_distance_mm;
+  const double off_mm = (p_mm - centre_mm_).norm();
+  // Bounds are loosened by a hair against rounding; the comparison itself is PointSearch's.
+  const auto loose = [](double mm) { return mm * (1.0 + 1e-12) + 1e-9; };
+  for (const Candidate& c : candidates_) {
+    if (c.nearest_mm - off_mm > loose(best_mm)) break;
+    const double far_mm = loose(best_mm) + c.radius;
+    if ((p_mm - c.centre).squaredNorm() > far_mm * far_mm) continue;
+    if (search.consider(c.triangle, c.corner[0], c.corner[1], c.corner[2]))
+      best_mm = std::sqrt(search.best.squared_distance);
+  }
+  if (search.triangle == kBoundary) return std::nullopt;
+  return query_->impl_->finished(search);
+}
+
+std::optional<SignedDistance> LocalQuery::signed_distance(const Vector3& p_mm, double max_distance_mm) const {
+  const std::optional<ClosestPoint> found = closest(p_mm, max_distance_mm);
+  if (!found) return std::nullopt;
+  return with_side(p_mm, *found);
 }
 
 /// The same ray, begun where it may first meet the mesh: a start far away would cost single precision.
