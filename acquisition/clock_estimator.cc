@@ -33,7 +33,8 @@ HostTime ClockEstimator::add(DeviceTime device, HostTime arrival) {
   const Kind kind = judge(pair, residual_ns);
   if (kind == Kind::kJumped) {
     ++estimate_.restarts;
-    if (arrival.ns < last_host_ns_) last_host_ns_ = INT64_MIN;  // the host's own clock was set back
+    if (static_cast<double>(last_host_ns_ - arrival.ns) > 0.5e9 * options_.jump_s)
+      last_host_ns_ = INT64_MIN;  // the host's own clock was set back
     restart(held_.earliest);
     held_ = {};
   }
@@ -42,7 +43,7 @@ HostTime ClockEstimator::add(DeviceTime device, HostTime arrival) {
   // Where the device's time makes no sense, arrival is all there is.
   const std::int64_t host_ns = kind == Kind::kOdd ? arrival.ns : device.ns + line_delay_ns(device.ns);
   const HostTime out = monotone(host_ns - options_.latency_ns, device.ns, arrival.ns);
-  if (kind != Kind::kOdd && kind != Kind::kLate) last_device_ns_ = device.ns;
+  if (kind != Kind::kOdd) last_device_ns_ = device.ns;
   return out;
 }
 
