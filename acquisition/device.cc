@@ -4,6 +4,8 @@
 
 #include <functional>
 
+#include "acquisition/scanner/scan_devices.h"
+
 namespace gnathion {
 namespace {
 
@@ -11,7 +13,9 @@ using Opener = std::function<Result<std::unique_ptr<Device>>(const DeviceConfig&
 
 /// Every kind of instrument, one line each.
 const std::map<std::string, Opener>& openers() {
-  static const std::map<std::string, Opener> table = {};
+  static const std::map<std::string, Opener> table = {
+      {"scan_folder", open_scan_folder},
+  };
   return table;
 }
 

@@ -20,13 +20,22 @@ struct FileState {
   std::uint64_t size = 0;
   std::int64_t modified_ns = 0;  ///< the file system's clock
   std::uint64_t inode = 0;
-  std::string problem;  ///< not empty: it cannot be looked at
+  std::int64_t status_ns = 0;  ///< rights, too: a file that becomes readable is looked at again
+  std::string problem;         ///< not empty: it cannot be looked at
   auto operator<=>(const FileState&) const = default;
+  bool same_content(const FileState& o) const {
+    return size == o.size && modified_ns == o.modified_ns && inode == o.inode && problem == o.problem;
+  }
 };
 using Listing = std::map<std::string, FileState>;  ///< by name without folder
 
 /// What the system told about a file while it was written.
-enum class FileEvent : std::uint8_t { kWritten, kClosed, kMovedIn };
+enum class FileEvent : std::uint8_t {
+  kWritten,
+  kClosed,
+  kMovedIn,
+  kLost,  ///< the system lost events: what was known of any file's writing is void
+};
 
 struct IntakeOptions {
   std::int64_t settle_ns = 300'000'000;           ///< after closing
@@ -62,8 +71,11 @@ class ScanIntake {
 
   /// The file's verdict has been spoken; it is offered again only when it changes.
   void close_case(const std::string& name);
-  /// It was complete but not good yet: `why` is told if it stays so. It is offered again while it lasts.
-  void not_yet(const std::string& name, const std::string& why);
+  /// It is complete but no scan: it is offered again when it changes; `why` is told if it does not.
+  void set_aside(const std::string& name, const std::string& why);
+  /// Why it is not taken although it is offered (a texture is missing).
+  void hold(const std::string& name, const std::string& why);
+  std::optional<HostTime> last_change(const std::string& name) const;
   std::optional<HostTime> first_seen(const std::string& name) const;
   std::optional<FileState> state_of(const std::string& name) const;
   std::size_t waiting() const;  ///< mesh files on their way
@@ -74,7 +86,9 @@ class ScanIntake {
     HostTime first_seen, last_change;
     bool written = false;  ///< writing was seen since it was last closed
     bool closed = false;
-    bool done = false;  ///< a verdict was spoken for this state
+    bool aside = false;  ///< not offered, but not done
+    bool done = false;   ///< a verdict was spoken for this state
+    bool given_up = false;
     std::string why;
   };
   bool settled(const File& file, HostTime now) const;
