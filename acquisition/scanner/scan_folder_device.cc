@@ -170,15 +170,17 @@ class ScanFolderDevice : public Device {
     }
     Export scan;
     if (held_ && held_->name == name && held_->state == state) {
-      scan = std::move(*held_);  // it waited for a texture; it need not be read again
+      scan.mesh = std::move(held_->mesh);  // it waited for a texture; it need not be read again
       held_.reset();
     } else {
       auto bytes = read_file(settings_.folder / name);
       if (!bytes) return intake_.set_aside(name, bytes.error().why);
       // Written to while it was read: the next look sees it changed.
       if (bytes->size() != state.size) return;
-      scan = Export{name, state, std::move(*bytes), {}};
+      scan.mesh = std::move(*bytes);
     }
+    scan.name = name;
+    scan.state = state;
     if (!companions_are_there(scan, now)) {
       held_ = std::move(scan);
       return;
