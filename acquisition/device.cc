@@ -4,6 +4,9 @@
 
 #include <functional>
 
+#include "acquisition/camera/aravis_device.h"
+#include "acquisition/camera/capture_device.h"
+#include "acquisition/igtl/igtl_device.h"
 #include "acquisition/scanner/scan_devices.h"
 
 namespace gnathion {
@@ -14,6 +17,9 @@ using Opener = std::function<Result<std::unique_ptr<Device>>(const DeviceConfig&
 /// Every kind of instrument, one line each.
 const std::map<std::string, Opener>& openers() {
   static const std::map<std::string, Opener> table = {
+      {"aravis", open_aravis_device},
+      {"camera", open_capture_device},
+      {"openigtlink", open_igtl_device},
       {"scan_folder", open_scan_folder},
   };
   return table;

@@ -17,6 +17,7 @@ namespace gnathion::igtl {
 struct ToolPose {
   std::string name;
   Rigid3 reference_from_tool;  ///< mm; frame as the sender names it, no axis is flipped
+  bool position_only = false;  ///< an instrument that has no orientation ("3D")
   std::string fault;           ///< why the numbers are no pose: not finite, not a rotation; empty: a pose
 };
 struct Poses {

@@ -66,14 +66,19 @@ class Framer {
  private:
   std::string_view rest() const { return std::string_view(buffer_).substr(begin_); }
   void consume(std::size_t n);
-  std::optional<Item> skipped();
+  void pass_over(std::size_t n);
+  std::optional<Item> told_skips();
+  Item rejected(const Header& header, std::string reason, std::size_t its_bytes);
   std::uint64_t max_body_bytes_;
   std::string buffer_;
   std::size_t begin_ = 0;
   bool finished_ = false;
-  bool in_step_ = true;                ///< the buffer starts where a message ended
-  std::uint64_t skipped_bytes_ = 0;    ///< passed over since the last fault was told
-  std::uint64_t tolerated_bytes_ = 0;  ///< of them, remains of a message that was already rejected
+  bool in_step_ = true;  ///< the buffer starts where a message ended
+  std::string fault_;    ///< what was wrong where the step was lost
+  Header fault_header_;
+  std::uint64_t skipped_bytes_ = 0;    ///< passed over since the last message
+  std::uint64_t tolerated_bytes_ = 0;  ///< of them, remains of messages that were rejected by themselves
+  std::uint64_t futile_bytes_ = 0;     ///< checksummed for nothing since the last message
 };
 
 /// A body taken apart: with version 1 all of it is content; later versions carry an extended header before
