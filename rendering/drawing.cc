@@ -129,7 +129,8 @@ std::string svg_text(const Drawing& drawing, const std::string& description) {
   body.add(drawing);
   return fmt::format(
       "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0}pt\" height=\"{1}pt\" viewBox=\"0 0 {0} {1}\" "
-      "font-family=\"'DejaVu Sans',Verdana,sans-serif\" role=\"img\" aria-label=\"{2}\">\n{3}</svg>\n",
+      "font-family=\"'DejaVu Sans',Verdana,sans-serif\" role=\"img\" aria-label=\"{2}\">\n<rect "
+      "width=\"{0}\" height=\"{1}\" fill=\"#fff\"/>\n{3}</svg>\n",
       number(drawing.width_pt()), number(drawing.height_pt()), xml_escaped(description), body.svg);
 }
 

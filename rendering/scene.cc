@@ -18,6 +18,7 @@
 #include <vtkTextActor.h>
 #include <vtkTextProperty.h>
 
+#include "core/file.h"
 #include "rendering/vtk_mesh.h"
 #include "rendering/window.h"
 
@@ -121,9 +122,8 @@ void add_scale_bar(vtkRenderer& renderer, const PictureOptions& options) {
 
 }  // namespace
 
-Status render_scene(const std::filesystem::path& png, const std::vector<SceneMesh>& meshes,
-                    const std::vector<SceneLine>& lines, const SceneView& view,
-                    const PictureOptions& options) {
+Result<RenderedView> render_view(const std::vector<SceneMesh>& meshes, const std::vector<SceneLine>& lines,
+                                 const SceneView& view, const PictureOptions& options) {
   GNATHION_TRY(auto window, offscreen_window(options.width_px, options.height_px));
   vtkNew<vtkRenderer> renderer;
   renderer->SetBackground(1, 1, 1);
@@ -145,7 +145,19 @@ Status render_scene(const std::filesystem::path& png, const std::vector<SceneMes
   place_camera(*renderer, view);
   if (!options.title.empty()) add_text(*renderer, options.title, 26, 24, options.height_px - 46);
   if (options.scale_bar) add_scale_bar(*renderer, options);
-  return save_window(*window, png);
+  RenderedView out;
+  GNATHION_TRY(out.png, window_png(*window));
+  out.width_px = options.width_px;
+  out.height_px = options.height_px;
+  out.px_per_mm = options.height_px / (2.0 * renderer->GetActiveCamera()->GetParallelScale());
+  return out;
+}
+
+Status render_scene(const std::filesystem::path& png, const std::vector<SceneMesh>& meshes,
+                    const std::vector<SceneLine>& lines, const SceneView& view,
+                    const PictureOptions& options) {
+  GNATHION_TRY(const RenderedView picture, render_view(meshes, lines, view, options));
+  return write_file(png, picture.png);
 }
 
 }  // namespace gnathion

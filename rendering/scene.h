@@ -53,6 +53,15 @@ struct PictureOptions {
   bool scale_bar = true;  ///< 10 mm, lower right
 };
 
+/// A picture with its scale.
+struct RenderedView {
+  std::string png;
+  int width_px = 0, height_px = 0;
+  double px_per_mm = 0;
+};
+/// As render_scene, into memory.
+Result<RenderedView> render_view(const std::vector<SceneMesh>& meshes, const std::vector<SceneLine>& lines,
+                                 const SceneView& view, const PictureOptions& options);
 /// Writes a PNG. Smooth shading, depth-peeled transparency, light from the viewer's upper left.
 Status render_scene(const std::filesystem::path& png, const std::vector<SceneMesh>& meshes,
                     const std::vector<SceneLine>& lines, const SceneView& view,

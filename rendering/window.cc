@@ -11,8 +11,6 @@
 #include <vtkUnsignedCharArray.h>
 #include <vtkWindowToImageFilter.h>
 
-#include <string_view>
-
 #include "core/file.h"
 
 VTK_MODULE_INIT(vtkRenderingOpenGL2)
@@ -65,7 +63,7 @@ Result<vtkSmartPointer<vtkRenderWindow>> offscreen_window(int width_px, int heig
   return vtkSmartPointer<vtkRenderWindow>(window);
 }
 
-Status save_window(vtkRenderWindow& window, const std::filesystem::path& png) {
+Result<std::string> window_png(vtkRenderWindow& window) {
   window.Render();
   vtkNew<vtkWindowToImageFilter> grab;
   grab->SetInput(&window);
@@ -77,9 +75,14 @@ Status save_window(vtkRenderWindow& window, const std::filesystem::path& png) {
   writer->Write();
   vtkUnsignedCharArray* bytes = writer->GetResult();
   if (!bytes || bytes->GetNumberOfValues() == 0)
-    return fail(ErrorCode::kInternal, "cannot draw", png.string(), "no picture came out of the renderer");
-  return write_file(png, std::string_view(reinterpret_cast<const char*>(bytes->GetPointer(0)),
-                                          static_cast<std::size_t>(bytes->GetNumberOfValues())));
+    return fail(ErrorCode::kInternal, "cannot draw", "PNG", "no picture came out of the renderer");
+  return std::string(reinterpret_cast<const char*>(bytes->GetPointer(0)),
+                     static_cast<std::size_t>(bytes->GetNumberOfValues()));
+}
+
+Status save_window(vtkRenderWindow& window, const std::filesystem::path& png) {
+  GNATHION_TRY(const std::string bytes, window_png(window));
+  return write_file(png, bytes);
 }
 
 }  // namespace gnathion

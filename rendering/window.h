@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include <vtkSmartPointer.h>
 
@@ -14,6 +15,8 @@ namespace gnathion {
 /// A window that draws into memory. Debian's VTK knows only X11 windows, so the OpenGL context comes from
 /// Mesa's surfaceless EGL platform and VTK draws into it. One thread at a time in the whole process.
 Result<vtkSmartPointer<vtkRenderWindow>> offscreen_window(int width_px, int height_px);
+/// Renders; the picture as PNG bytes.
+Result<std::string> window_png(vtkRenderWindow& window);
 /// Renders and writes the window's picture, whole or not at all.
 Status save_window(vtkRenderWindow& window, const std::filesystem::path& png);
 
