@@ -8,6 +8,8 @@
 #include "acquisition/camera/capture_device.h"
 #include "acquisition/igtl/igtl_device.h"
 #include "acquisition/scanner/scan_devices.h"
+#include "acquisition/usb/pedal_device.h"
+#include "acquisition/usb/polhemus_device.h"
 
 namespace gnathion {
 namespace {
@@ -20,6 +22,8 @@ const std::map<std::string, Opener>& openers() {
       {"aravis", open_aravis_device},
       {"camera", open_capture_device},
       {"openigtlink", open_igtl_device},
+      {"pedal", open_pedal},
+      {"polhemus", open_polhemus},
       {"scan_folder", open_scan_folder},
   };
   return table;
