@@ -8,14 +8,13 @@
 
 namespace gnathion {
 
-/// What a camera sees, pixel by pixel, row-major: viewing ray and depth z along the camera's axis.
+/// What a pinhole camera without distortion sees, pixel by pixel, row-major: depth z along its axis.
 struct DepthGrid {
   int width_px = 0, height_px = 0;
-  double fx_px = 0, fy_px = 0, cx_px = 0, cy_px = 0;  ///< pinhole, no distortion
-  std::vector<float> depth_mm;                        ///< 0: nothing seen
-  std::vector<float> sigma_mm;                        ///< 1σ of the depth
-  std::vector<std::uint8_t> grey;                     ///< empty, or the picture
-  std::vector<std::vector<double>> rays;              ///< unused by pinholes
+  double fx_px = 0, fy_px = 0, cx_px = 0, cy_px = 0;
+  std::vector<float> depth_mm;     ///< 0: nothing seen
+  std::vector<float> sigma_mm;     ///< 1σ of the depth
+  std::vector<std::uint8_t> grey;  ///< empty, or the picture
 
   std::size_t at(int x, int y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px) + static_cast<std::size_t>(x);
