@@ -48,10 +48,12 @@ class TransferDevice : public Device, private TransferIo {
   std::unique_ptr<Transport> transport_;
   std::deque<Sample> out_;
   std::uint32_t transfers_ = 0;
-  int failures_ = 0, restarts_ = 0;  ///< in a row
+  int failures_ = 0, restarts_ = 0, failed_starts_ = 0;  ///< in a row
   bool gone_ = false, was_open_ = false, over_ = false;
+  std::uint8_t in_endpoint_ = kDirectionIn;
   HostTime last_data_;
   std::atomic<bool> stopping_ = false;
+  const std::vector<std::string> configured_;
 
   mutable std::mutex mutex_;  ///< of what follows: health() and description() come from other threads
   DeviceDescription description_;

@@ -43,6 +43,9 @@ class TransferSession {
   /// A running instrument that is silent for longer is asked to start again; 0: may be silent for ever.
   virtual std::chrono::milliseconds longest_silence() const { return std::chrono::milliseconds(0); }
   virtual ClockEstimate clock() const { return {}; }
+  /// What the instrument told of itself, and what is odd about it.
+  virtual std::vector<std::string> facts() const { return {}; }
+  virtual std::vector<std::string> warnings() const { return {}; }
 
   const std::string& stream() const { return stream_; }
   std::string raw_stream() const { return stream_ + "/raw"; }

@@ -75,11 +75,13 @@ class TransportFinder {
 /// Which of the instruments that fit is meant: any single one, or that of a serial number or port.
 struct InstrumentChoice {
   std::optional<std::string> serial, port;
+  std::optional<int> interface;  ///< of a HID device with several that fit
 };
-/// The index of the one that is meant. Nothing found, several, two with one serial: an error that says which
-/// keys tell them apart. `what` is "Polhemus tracker", "foot pedal".
+/// The index of the one that is meant; of several, the one that was open before (`last`). Nothing found,
+/// several, two with one serial: an error that says which keys tell them apart. `what` is "foot pedal".
 Result<std::size_t> choose_instrument(const std::vector<InstrumentIdentity>& found,
-                                      const InstrumentChoice& choice, const std::string& what,
+                                      const InstrumentChoice& choice,
+                                      const std::optional<InstrumentIdentity>& last, const std::string& what,
                                       const std::string& where);
 /// Names the rule that grants access.
 tl::unexpected<Error> no_permission(const std::string& what, const std::string& where,

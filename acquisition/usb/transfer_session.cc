@@ -1,0 +1,60 @@
+#include "acquisition/usb/transfer_session.h"
+
+namespace gnathion {
+
+void TransferSession::take(const TransferSample& transfer, std::deque<Sample>& out) {
+  passed(transfer.header.arrival, out);
+  out.emplace_back(transfer);
+  const auto status = static_cast<TransferStatus>(transfer.status);
+  if (transfer.endpoint == kDescriptorEndpoint && status == kTransferOk) {
+    if (present_) {
+      lost(transfer, out);
+      tell_state(transfer.header.arrival, false, "given up after too many errors", out);
+    }
+    if (was_present_) tell_state(transfer.header.arrival, true, "connected again", out);
+    present_ = was_present_ = true;
+    return opened(transfer, out);
+  }
+  if (status == kTransferGone) {
+    if (!present_) return;
+    present_ = false;
+    lost(transfer, out);
+    return tell_state(transfer.header.arrival, false, name_of(status), out);
+  }
+  if (status != kTransferOk) out.emplace_back(rejected(raw_stream(), transfer.header, name_of(status)));
+  const bool outwards = transfer.endpoint != 0 && !(transfer.endpoint & kDirectionIn);
+  if (outwards) {
+    if (status == kTransferOk) sent(transfer, out);
+  } else if (!transfer.data.empty()) {
+    received(transfer, out);
+  }
+}
+
+Status TransferSession::start(TransferIo&) {
+  return {};
+}
+void TransferSession::stop(TransferIo&) {}
+void TransferSession::sent(const TransferSample&, std::deque<Sample>&) {}
+void TransferSession::passed(HostTime, std::deque<Sample>&) {}
+
+void TransferSession::tell_state(HostTime when, bool back, const std::string& text, std::deque<Sample>& out) {
+  EventSample event;
+  event.header.stream = stream_ + "/state";
+  event.header.sequence = states_++;
+  event.header.capture = event.header.arrival = when;
+  event.kind = "device";
+  event.pressed = back;
+  event.text = text;
+  out.emplace_back(std::move(event));
+}
+
+LedgerSample TransferSession::rejected(std::string stream, const SampleHeader& at, std::string reason) {
+  LedgerSample line;
+  line.header = at;
+  line.header.stream = std::move(stream);
+  line.fate = LedgerSample::Fate::kRejected;
+  line.reason = std::move(reason);
+  return line;
+}
+
+}  // namespace gnathion
