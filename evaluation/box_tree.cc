@@ -6,11 +6,16 @@
 
 #include "evaluation/space_curve.h"
 
+#if defined(__SSE__)
+#include <xmmintrin.h>
+#endif
+
 namespace gnathion {
 namespace {
 
 // Single precision loses at most this part of a length; boxes and bounds are widened by it.
 constexpr double kSlack = 4e-7;
+constexpr double kRough = 1e-4;  // mm, and part of the distance: slack of rough distances
 constexpr float kFar = 1e30f;
 constexpr double kFarthest = 1e9;
 
@@ -22,8 +27,62 @@ inline Four four(const float* v) {
   std::memcpy(&f, v, sizeof f);
   return f;
 }
+#if defined(__SSE__)  // the compilers do not find these instructions by themselves
+inline Four larger(Four a, Four b) {
+  return _mm_max_ps(a, b);
+}
+inline Four smaller(Four a, Four b) {
+  return _mm_min_ps(a, b);
+}
+inline int which_at_most(Four a, Four b) {
+  return _mm_movemask_ps(_mm_cmple_ps(a, b));
+}
+#else
 inline Four larger(Four a, Four b) {
   return a > b ? a : b;
+}
+inline Four smaller(Four a, Four b) {
+  return a < b ? a : b;
+}
+inline int which_at_most(Four a, Four b) {
+  return (a[0] <= b[0]) | (a[1] <= b[1]) << 1 | (a[2] <= b[2]) << 2 | (a[3] <= b[3]) << 3;
+}
+#endif
+inline Four all(float v) {
+  return Four{v, v, v, v};
+}
+struct Four3 {
+  Four x, y, z;
+  Four dot(const Four3& b) const { return x * b.x + y * b.y + z * b.z; }
+  /// |this − s·b|²
+  Four squared_without(Four s, const Four3& b) const {
+    const Four3 r{x - s * b.x, y - s * b.y, z - s * b.z};
+    return r.dot(r);
+  }
+};
+inline Four3 four3(const float (*v)[4]) {
+  return {four(v[0]), four(v[1]), four(v[2])};
+}
+inline Four part(Four numerator, Four denominator) {
+  return smaller(larger(numerator / larger(denominator, all(1e-30f)), all(0.0f)), all(1.0f));
+}
+
+/// Squared distances from a point to four triangles, to about 1e-5 of the distance to their corners; 0 for
+/// slivers (an angle under 6° at the first corner), which single precision cannot judge.
+Four rough_squared_distances(const Four3& ap, const Four3& ab, const Four3& ac) {
+  const Four aa = ab.dot(ab), bb = ab.dot(ac), cc = ac.dot(ac), d = ab.dot(ap), e = ac.dot(ap);
+  const Four det = aa * cc - bb * bb;
+  const Four3 bc{ac.x - ab.x, ac.y - ab.y, ac.z - ab.z}, bp{ap.x - ab.x, ap.y - ab.y, ap.z - ab.z};
+  const Four on_sides =
+      smaller(smaller(ap.squared_without(part(d, aa), ab), ap.squared_without(part(e, cc), ac)),
+              bp.squared_without(part(bc.dot(bp), bc.dot(bc)), bc));
+  const Four v = cc * d - bb * e, w = aa * e - bb * d;
+  const Four safe = larger(det, all(1e-30f));
+  const Four sv = v / safe, sw = w / safe;
+  const Four3 r{ap.x - sv * ab.x - sw * ac.x, ap.y - sv * ab.y - sw * ac.y, ap.z - sv * ab.z - sw * ac.z};
+  const Four zero = all(0.0f);
+  const Four best = ((v > zero) & (w > zero) & (v + w < det)) ? r.dot(r) : on_sides;
+  return det < all(0.01f) * aa * cc ? zero : best;
 }
 
 }  // namespace
@@ -48,6 +107,17 @@ BoxTree::BoxTree(const TriangleMesh& mesh) {
     for (int k = 0; k < 3; ++k) {
       children[i][k] = static_cast<float>(b.min_mm[k]) - slack;
       children[i][k + 3] = static_cast<float>(b.max_mm[k]) + slack;
+    }
+  }
+  leaves_.resize((count + 3) / 4, Leaf{});
+  for (std::size_t i = 0; i < count; ++i) {
+    const Vector3 a = mesh.corner(order_[i], 0);
+    const Vector3 ab = mesh.corner(order_[i], 1) - a, ac = mesh.corner(order_[i], 2) - a,
+                  local = a - centre_mm_;
+    for (int k = 0; k < 3; ++k) {
+      leaves_[i / 4].a[k][i % 4] = static_cast<float>(local[k]);
+      leaves_[i / 4].ab[k][i % 4] = static_cast<float>(ab[k]);
+      leaves_[i / 4].ac[k][i % 4] = static_cast<float>(ac[k]);
     }
   }
   while (true) {
@@ -91,11 +161,15 @@ bool BoxTree::closest(const TriangleMesh& mesh, const Vector3& p_mm, double reac
 
   const Vector3 local = p_mm - centre_mm_;
   const double slack = kSlack * (local.norm() + radius_mm_);
-  const auto bound = [&] {
-    const double r = std::sqrt(search.best.squared_distance) * (1.0 + kSlack) + slack;
-    return static_cast<float>(r * r * (1.0 + 4.0 * kSlack));
+  // What can still matter: a box must come as near as `limit`, a roughly known distance as `rough_limit`.
+  float limit = 0.0f, rough_limit = 0.0f;
+  const auto tighten = [&] {
+    const double r = std::sqrt(search.best.squared_distance), widened = r * (1.0 + 2.0 * kSlack) + slack;
+    limit = static_cast<float>(widened * widened);
+    const double rough = r * (1.0 + kRough) + kRough + slack;
+    rough_limit = static_cast<float>(rough * rough);
   };
-  float limit = bound();
+  tighten();
   const Eigen::Vector3f q = local.cast<float>();
   const Four zero = {0, 0, 0, 0};
   const Four at[3] = {
@@ -117,25 +191,30 @@ bool BoxTree::closest(const TriangleMesh& mesh, const Vector3& p_mm, double reac
       const Four apart = larger(larger(four(node.low[k]) - at[k], at[k] - four(node.high[k])), zero);
       squared += apart * apart;
     }
-    // Nearest last, so that it is taken first.
-    Entry hits[4];
-    int n = 0;
-    for (std::uint32_t c = 0; c < 4; ++c) {
-      if (!(squared[c] <= limit)) continue;
-      int i = n++;
-      for (; i > 0 && hits[i - 1].squared < squared[c]; --i) hits[i] = hits[i - 1];
-      hits[i] = {squared[c], e.level - 1, 4 * e.index + c};
-    }
+    const int near = which_at_most(squared, all(limit));
+    if (near == 0) continue;
     if (e.level > 0) {
-      for (int i = 0; i < n; ++i) stack[depth++] = hits[i];
+      // The nearest last, so that it is taken first.
+      const int begin = depth;
+      for (std::uint32_t c = 0; c < 4; ++c) {
+        if ((near >> c & 1) == 0) continue;
+        stack[depth++] = {squared[c], e.level - 1, 4 * e.index + c};
+        if (depth - 2 >= begin && stack[depth - 2].squared < squared[c])
+          std::swap(stack[depth - 2], stack[depth - 1]);
+      }
       continue;
     }
-    for (int i = n - 1; i >= 0; --i) {
-      if (hits[i].squared > limit) continue;
-      const std::uint32_t t = order_[hits[i].index];
+    const Leaf& leaf = leaves_[e.index];
+    Four3 ap = four3(leaf.a);
+    ap = {at[0] - ap.x, at[1] - ap.y, at[2] - ap.z};
+    const Four rough = rough_squared_distances(ap, four3(leaf.ab), four3(leaf.ac));
+    const int candidates = near & which_at_most(rough, all(rough_limit));
+    for (std::uint32_t c = 0; candidates >> c != 0; ++c) {
+      if ((candidates >> c & 1) == 0 || rough[c] > rough_limit) continue;
+      const std::uint32_t t = order_[4 * e.index + c];
       if (t == first) continue;
       try_triangle(t);
-      limit = bound();
+      tighten();
     }
   }
   if (search.triangle != Search::kNone) return true;

@@ -30,6 +30,11 @@ class BoxTree {
   struct alignas(16) Node {
     float low[3][4], high[3][4];  ///< of four children, about centre_mm_
   };
+  /// Four triangles in single precision, for sifting.
+  struct alignas(16) Leaf {
+    float a[3][4], ab[3][4], ac[3][4];  ///< corner about centre_mm_, sides
+  };
+  std::vector<Leaf> leaves_;              ///< beside the lowest level of nodes_
   std::vector<std::uint32_t> order_;      ///< triangles along the curve
   std::vector<Node> nodes_;               ///< level after level, the lowest first
   std::vector<std::size_t> level_begin_;  ///< in nodes_
