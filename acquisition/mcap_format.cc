@@ -5,6 +5,7 @@
 #include <zstd.h>
 
 #include <cstring>
+#include <memory>
 
 #include "core/check.h"
 
@@ -79,6 +80,7 @@ class Reader {
   }
   std::string_view rest() { return take(bytes_.size()); }
   bool at_end() const { return bytes_.empty(); }
+  std::size_t left() const { return bytes_.size(); }
   bool ok() const { return ok_; }
 
  private:
@@ -136,16 +138,26 @@ std::string encode(const Message& m) {
       .raw(m.data)
       .record(Opcode::kMessage);
 }
-std::string encode(const Chunk& c) {
+void append_message(std::string& out, const Message& m, std::string_view body) {
+  constexpr std::uint64_t kFields = 2 + 4 + 8 + 8;
+  Writer head;
+  head.number(static_cast<std::uint8_t>(Opcode::kMessage));
+  head.number(kFields + m.data.size() + body.size());
+  head.number(m.channel_id).number(m.sequence).number(m.log_time).number(m.publish_time);
+  out.append(head.bytes()).append(m.data).append(body);
+}
+std::string encode_chunk_head(const Chunk& c, std::uint64_t compressed_size) {
+  Writer fields;
+  fields.number(c.start_time).number(c.end_time).number(c.uncompressed_size).number(c.uncompressed_crc);
+  fields.text(c.compression).number(compressed_size);
   return Writer()
-      .number(c.start_time)
-      .number(c.end_time)
-      .number(c.uncompressed_size)
-      .number(c.uncompressed_crc)
-      .text(c.compression)
-      .number(static_cast<std::uint64_t>(c.records.size()))
-      .raw(c.records)
-      .record(Opcode::kChunk);
+      .number(static_cast<std::uint8_t>(Opcode::kChunk))
+      .number(static_cast<std::uint64_t>(fields.bytes().size()) + compressed_size)
+      .raw(fields.bytes())
+      .bytes();
+}
+std::string encode(const Chunk& c) {
+  return encode_chunk_head(c, c.records.size()) + std::string(c.records);
 }
 std::string encode(const ChunkIndex& c) {
   return Writer()
@@ -230,6 +242,27 @@ std::optional<Record> next_record(std::string_view buffer) {
   return record;
 }
 
+bool fills_its_record(Opcode opcode, std::string_view content) {
+  Reader r(content);
+  std::string_view skipped;
+  std::uint64_t number = 0;
+  if (opcode == Opcode::kHeader) {
+    r.view(skipped).view(skipped);
+  } else if (opcode == Opcode::kChunk) {
+    std::uint32_t crc = 0;
+    r.number(number).number(number).number(number).number(crc).view(skipped).view<std::uint64_t>(skipped);
+  } else if (opcode == Opcode::kMessageIndex) {
+    std::uint16_t channel = 0;
+    r.number(channel).view(skipped);
+  } else if (opcode == Opcode::kDataEnd) {
+    std::uint32_t crc = 0;
+    r.number(crc);
+  } else {
+    return true;
+  }
+  return r.ok() && r.at_end();
+}
+
 std::optional<Schema> decode_schema(std::string_view content) {
   Reader r(content);
   Schema s;
@@ -293,6 +326,52 @@ std::optional<Attachment> decode_attachment(std::string_view content) {
   if (!r.ok() || (crc != 0 && crc != crc32(content.substr(0, content.size() - 4)))) return std::nullopt;
   return a;
 }
+std::optional<AttachmentHead> decode_attachment_head(std::string_view content) {
+  Reader r(content);
+  AttachmentHead a;
+  r.number(a.index.log_time).number(a.index.create_time).text(a.index.name).text(a.index.media_type);
+  r.number(a.data_size);
+  a.index.data_size = a.data_size;
+  a.head_size = content.size() - r.left();
+  return if_ok(r, std::move(a));
+}
+std::optional<Statistics> decode_statistics(std::string_view content) {
+  Reader r(content);
+  Statistics s;
+  std::string_view counts;
+  r.number(s.message_count).number(s.schema_count).number(s.channel_count).number(s.attachment_count);
+  r.number(s.metadata_count).number(s.chunk_count).number(s.start_time).number(s.end_time).view(counts);
+  Reader inner(counts);
+  while (inner.ok() && !inner.at_end()) {
+    std::uint16_t channel = 0;
+    std::uint64_t count = 0;
+    inner.number(channel).number(count);
+    s.channel_message_counts[channel] = count;
+  }
+  if (!inner.ok()) return std::nullopt;
+  return if_ok(r, std::move(s));
+}
+std::optional<std::pair<std::uint16_t, std::vector<MessageIndexEntry>>> decode_message_index(
+    std::string_view content) {
+  Reader r(content);
+  std::pair<std::uint16_t, std::vector<MessageIndexEntry>> index;
+  std::string_view entries;
+  r.number(index.first).view(entries);
+  Reader inner(entries);
+  while (inner.ok() && !inner.at_end()) {
+    MessageIndexEntry entry;
+    inner.number(entry.first).number(entry.second);
+    index.second.push_back(entry);
+  }
+  if (!inner.ok()) return std::nullopt;
+  return if_ok(r, std::move(index));
+}
+std::optional<std::uint32_t> decode_data_end(std::string_view content) {
+  Reader r(content);
+  std::uint32_t crc = 0;
+  r.number(crc);
+  return if_ok(r, crc);
+}
 std::optional<AttachmentIndex> decode_attachment_index(std::string_view content) {
   Reader r(content);
   AttachmentIndex a;
@@ -307,21 +386,36 @@ std::optional<Footer> decode_footer(std::string_view content) {
   return if_ok(r, f);
 }
 
-std::string compress(std::string_view bytes, const std::string& compression) {
-  if (compression.empty()) return std::string(bytes);
-  std::string out;
-  std::size_t size = 0;
+bool known_compression(const std::string& compression) {
+  return compression.empty() || compression == "lz4" || compression == "zstd";
+}
+
+void compress_into(std::string_view bytes, const std::string& compression, std::string& out) {
+  GNATHION_CHECK(known_compression(compression));
+  const auto room = [&](std::size_t bound) {
+    if (out.size() < bound) out.resize(bound);
+  };
+  std::size_t size = bytes.size();
   if (compression == "zstd") {
-    out.resize(ZSTD_compressBound(bytes.size()));
-    size = ZSTD_compress(out.data(), out.size(), bytes.data(), bytes.size(), 1);
+    constexpr int kLevel = 1;
+    thread_local const std::unique_ptr<ZSTD_CCtx, std::size_t (*)(ZSTD_CCtx*)> context(ZSTD_createCCtx(),
+                                                                                       ZSTD_freeCCtx);
+    room(ZSTD_compressBound(bytes.size()));
+    size = ZSTD_compressCCtx(context.get(), out.data(), out.size(), bytes.data(), bytes.size(), kLevel);
     GNATHION_CHECK(!ZSTD_isError(size));
-  } else {
-    GNATHION_CHECK(compression == "lz4");
-    out.resize(LZ4F_compressFrameBound(bytes.size(), nullptr));
+  } else if (compression == "lz4") {
+    room(LZ4F_compressFrameBound(bytes.size(), nullptr));
     size = LZ4F_compressFrame(out.data(), out.size(), bytes.data(), bytes.size(), nullptr);
     GNATHION_CHECK(!LZ4F_isError(size));
+  } else {
+    out.assign(bytes);
   }
   out.resize(size);
+}
+
+std::string compress(std::string_view bytes, const std::string& compression) {
+  std::string out;
+  compress_into(bytes, compression, out);
   return out;
 }
 

@@ -92,7 +92,11 @@ std::string encode_header(const std::string& profile, const std::string& library
 std::string encode(const Schema& s);
 std::string encode(const Channel& c);
 std::string encode(const Message& m);
+/// Appends a message whose data stands in two parts: an image's pixels are copied only here.
+void append_message(std::string& out, const Message& m, std::string_view body);
 std::string encode(const Chunk& c);
+/// A chunk record without its compressed records, which must follow; `compressed_size` tells how many bytes.
+std::string encode_chunk_head(const Chunk& c, std::uint64_t compressed_size);
 std::string encode(const ChunkIndex& c);
 std::string encode(const Attachment& a);
 std::string encode(const AttachmentIndex& a);
@@ -114,17 +118,33 @@ struct Record {
 std::optional<Record> next_record(std::string_view buffer);
 
 // Each refuses content that is too short or whose inner lengths lie; nothing is allocated beyond it.
+/// Whether a header, chunk, message index or data end is just as long as its fields say. (Later versions of
+/// the format may add fields; a damaged length looks the same.)
+bool fills_its_record(Opcode opcode, std::string_view content);
 std::optional<Schema> decode_schema(std::string_view content);
 std::optional<Channel> decode_channel(std::string_view content);
 std::optional<Message> decode_message(std::string_view content);
 std::optional<Chunk> decode_chunk(std::string_view content);
 std::optional<ChunkIndex> decode_chunk_index(std::string_view content);
 std::optional<Attachment> decode_attachment(std::string_view content);
+/// What stands before an attachment's data; offset and length are left 0.
+struct AttachmentHead {
+  AttachmentIndex index;
+  std::uint64_t head_size = 0, data_size = 0;
+};
+std::optional<AttachmentHead> decode_attachment_head(std::string_view content);
 std::optional<AttachmentIndex> decode_attachment_index(std::string_view content);
+std::optional<Statistics> decode_statistics(std::string_view content);
+std::optional<std::pair<std::uint16_t, std::vector<MessageIndexEntry>>> decode_message_index(
+    std::string_view content);
+std::optional<std::uint32_t> decode_data_end(std::string_view content);
 std::optional<Footer> decode_footer(std::string_view content);
 
-/// "" (none), "lz4" (frame) or "zstd".
+/// "" (none), "lz4" (frame) or "zstd" (level 1: what a core keeps up with, docs/recording.md).
+bool known_compression(const std::string& compression);
 std::string compress(std::string_view bytes, const std::string& compression);
+/// The same into `out`, whose memory is used again.
+void compress_into(std::string_view bytes, const std::string& compression, std::string& out);
 /// The chunk's records, CRC checked. At most 256 MiB.
 Result<std::string> decompress(const Chunk& chunk, const std::string& where);
 
