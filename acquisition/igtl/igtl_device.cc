@@ -61,6 +61,7 @@ Result<Settings> settings_from(const DeviceConfig& config) {
   s.translation.name = config.stream;
   s.translation.reference = reader.text("reference").value_or("tracker");
   s.translation.latency_ns = static_cast<std::int64_t>(reader.number_in("latency_ms", 0, 10'000, 0) * 1e6);
+  s.translation.decoding.normalise_quaternions = reader.flag("normalise_quaternions").value_or(false);
   const std::string ids = reader.choice("message_ids", {"stream", "connection", "ignore"}, "stream");
   s.translation.message_ids = ids == "stream"       ? igtl::MessageIds::kStream
                               : ids == "connection" ? igtl::MessageIds::kConnection

@@ -48,7 +48,7 @@ Result<Body> decode_transform(std::string_view b) {
 }
 
 /// TDATA: 12 matrix entries an instrument; QTDATA: position (mm) and quaternion x y z w.
-Result<Body> decode_tracking(const std::string& type, std::string_view b) {
+Result<Body> decode_tracking(const std::string& type, std::string_view b, const DecodeOptions& options) {
   const bool quaternions = type == "QTDATA";
   const std::size_t each = quaternions ? 50 : 70;
   if (b.size() % each != 0)
@@ -63,7 +63,9 @@ Result<Body> decode_tracking(const std::string& type, std::string_view b) {
       const Eigen::Quaterniond q(f32(b, at + 46), f32(b, at + 34), f32(b, at + 38), f32(b, at + 42));
       Matrix4 m = Matrix4::Identity();
       m.topRightCorner<3, 1>() = position;
-      if (!(std::abs(q.norm() - 1) < kRotationTolerance))  // also for NaN
+      const bool usable = options.normalise_quaternions ? q.norm() > 0.1 && q.norm() < 1e3
+                                                        : std::abs(q.norm() - 1) < kRotationTolerance;
+      if (!usable)  // also for NaN
         tool.fault = "not a unit quaternion";
       else
         m.topLeftCorner<3, 3>() = q.normalized().toRotationMatrix();
@@ -212,9 +214,9 @@ bool is_read(std::string_view type) {
   return false;
 }
 
-Result<Body> decode(const std::string& type, std::string_view content) {
+Result<Body> decode(const std::string& type, std::string_view content, const DecodeOptions& options) {
   if (type == "TRANSFORM") return decode_transform(content);
-  if (type == "TDATA" || type == "QTDATA") return decode_tracking(type, content);
+  if (type == "TDATA" || type == "QTDATA") return decode_tracking(type, content, options);
   if (type == "IMAGE") return decode_image(content);
   if (type == "POLYDATA") return decode_polydata(content);
   if (type == "STATUS") return decode_status(content);

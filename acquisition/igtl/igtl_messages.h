@@ -41,7 +41,10 @@ bool is_read(std::string_view type);
 /// `content` of a message of a type that is_read(). Every length inside is checked against what is there
 /// before it is used. Refused by name: what the message says but a sample cannot hold (16-bit images,
 /// volumes, parts of an image, surfaces without polygons).
-Result<Body> decode(const std::string& type, std::string_view content);
+struct DecodeOptions {
+  bool normalise_quaternions = false;  ///< take quaternions of any length but about 0, as the library does
+};
+Result<Body> decode(const std::string& type, std::string_view content, const DecodeOptions& options = {});
 
 /// "OK", "not ready", ...
 std::string status_name(std::uint16_t code);

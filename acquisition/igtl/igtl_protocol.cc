@@ -144,6 +144,8 @@ std::optional<Item> Framer::next() {
     const std::string_view bytes = rest();
     if (bytes.size() < kHeaderBytes) {
       if (!finished_) return std::nullopt;
+      if (in_step_) fault_ = "cut off";
+      in_step_ = false;
       pass_over(bytes.size());
       return told_skips();
     }

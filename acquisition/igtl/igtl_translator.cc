@@ -135,7 +135,7 @@ void Translator::take_message(const Item& item, HostTime arrival, std::vector<Sa
   in.metadata = std::move(content->metadata);
   if (!in_order(channel, in)) return;
   count_gap(channel, in);
-  auto body = decode(header.type, content->bytes);
+  auto body = decode(header.type, content->bytes, options_.decoding);
   if (!body) {
     reject_message(channel, in, body.error().why);
   } else if (const auto* poses = std::get_if<Poses>(&*body)) {

@@ -27,6 +27,7 @@ class Translator {
     std::string reference = "tracker";  ///< what poses are given in where the message does not say
     MessageIds message_ids = MessageIds::kStream;
     std::int64_t latency_ns = 0;
+    DecodeOptions decoding;
     std::size_t max_streams = 256;  ///< a peer that invents names without end is cut short
   };
   explicit Translator(Options options);

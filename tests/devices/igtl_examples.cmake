@@ -9,7 +9,7 @@ foreach(target devices_igtl_protocol_test devices_igtl_device_test devices_igtl_
 endforeach()
 if(IGTL_EXAMPLES AND TARGET devices_igtl_servers_test)
   foreach(server Tracker/TrackerServer TrackingData/TrackingDataServer QuaternionTrackingData/QuaternionTrackingDataServer
-      Imager/ImagerServer PolyData/PolyDataServer Status/StatusServer Bind/BindServer Capability/CapabilityServer)
+      Imager/ImagerServer PolyData/PolyDataServer Status/StatusServer String/StringServer)
     get_filename_component(name ${server} NAME)
     add_executable(igtl_${name} ${IGTL_EXAMPLES}/${server}.cxx)
     set_target_properties(igtl_${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_CURRENT_BINARY_DIR}/igtl_servers)
