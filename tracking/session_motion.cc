@@ -265,6 +265,7 @@ class SessionTracker {
       if (camera != camera_of_.end()) books_[camera->second].told(*told);
       return {};
     }
+    if (!std::holds_alternative<FrameSample>(sample)) return {};  // other instruments' samples
     FrameSample& frame = std::get<FrameSample>(sample);
     if (camera == camera_of_.end()) {
       ++session_.ledger[stream].ignored;
