@@ -40,7 +40,7 @@ TEST(CubeTable, NoiseGivesAClosedManifoldSurface) {
       const bool border = std::min({i, j, k}) == 0 || std::max({i, j, k}) == 13;
       return border ? 1.0 : values[shape.index(i, j, k)];
     };
-    field.exact = field.estimate;
+    field.exact = pointwise(field.estimate);
     const TriangleMesh mesh = extracted_surface(field, shape, 1);
     const MeshTopology topology = mesh_topology(mesh);
     EXPECT_GT(topology.triangles, 3000u);
@@ -68,7 +68,7 @@ TEST(CubeTable, WavesGiveNoSelfIntersections) {
                            std::sin(0.8 * p.z() + phase.z()) * std::cos(1.0 * p.x());
       return std::max(box, waves);
     };
-    field.exact = field.estimate;
+    field.exact = pointwise(field.estimate);
     const TriangleMesh mesh = extracted_surface(field, shape, 1);
     EXPECT_TRUE(mesh_topology(mesh).watertight() && mesh_topology(mesh).manifold());
     EXPECT_EQ(self_intersections(mesh, 10).size(), 0u);

@@ -12,22 +12,25 @@ namespace {
 constexpr int kBlock = 4;  // nodes per side of the blocks that are tested as a whole
 constexpr double kExactSpacings = 2.5;
 
-/// Searches the nodes of one block, if the surface is near enough to matter for any of them.
-void sample_block(const GridShape& shape, const Eigen::Vector3i& low, const MeshQuery& solid,
+/// Searches the nodes of one block.
+void sample_block(const GridShape& shape, const Eigen::Vector3i& low, SolidGroup& solid,
                   const Rigid3& mesh_from_design, double reach_mm, CoarseGrid& distance,
                   std::vector<char>& known) {
   const Eigen::Vector3i high = (low + Eigen::Vector3i::Constant(kBlock)).cwiseMin(shape.nodes);
-  const double half_mm = 0.5 * (kBlock - 1) * shape.spacing_mm;
-  const Vector3 centre = shape.position(low.x(), low.y(), low.z()) + Vector3::Constant(half_mm);
-  if (!solid.closest(mesh_from_design * centre, reach_mm + std::sqrt(3.0) * half_mm)) return;
+  std::vector<SolidGroup::Point> points;
+  std::vector<std::size_t> index;
   for (int i = low.x(); i < high.x(); ++i)
     for (int j = low.y(); j < high.y(); ++j)
       for (int k = low.z(); k < high.z(); ++k) {
-        const auto found = solid_distance(solid, mesh_from_design * shape.position(i, j, k), reach_mm);
-        if (!found) continue;
-        distance.at(i, j, k) = static_cast<float>(found->distance_mm);
-        known[shape.index(i, j, k)] = 1;
+        points.push_back({mesh_from_design * shape.position(i, j, k), reach_mm, false, {}});
+        index.push_back(shape.index(i, j, k));
       }
+  solid.measure(points);
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    if (!points[n].found) continue;
+    distance.values()[index[n]] = static_cast<float>(points[n].distance.distance_mm);
+    known[index[n]] = 1;
+  }
 }
 
 /// Gives every far node the side of the node before it, from the outside end on.
@@ -58,8 +61,9 @@ CoarseGrid sampled_distance(const GridShape& shape, const MeshQuery& solid, cons
   const double reach_mm = std::min(band_mm, kExactSpacings * shape.spacing_mm);
   const Eigen::Vector3i blocks = (shape.nodes.array() + kBlock - 1) / kBlock;
   parallel_each(blocks.x() * blocks.y(), [&](int column) {
+    SolidGroup group(solid);
     for (int k = 0; k < blocks.z(); ++k)
-      sample_block(shape, kBlock * Eigen::Vector3i(column / blocks.y(), column % blocks.y(), k), solid,
+      sample_block(shape, kBlock * Eigen::Vector3i(column / blocks.y(), column % blocks.y(), k), group,
                    mesh_from_design, reach_mm, distance, known);
   });
 

@@ -14,6 +14,14 @@ constexpr double kEndMargin =
     0.02;  // vertices keep this part of an edge from its ends: no degenerate triangles
 constexpr int kNone = -1;
 
+/// Calls body(x, y, z) for every node of a block of side k, z fastest.
+template <class Body>
+void each_node(int k, const Body& body) {
+  for (int x = 0; x < k; ++x)
+    for (int y = 0; y < k; ++y)
+      for (int z = 0; z < k; ++z) body(x, y, z);
+}
+
 /// Fine samples in blocks of refinement³ nodes, one block per coarse cell that is needed.
 class Extractor {
  public:
@@ -21,6 +29,7 @@ class Extractor {
       : field_(field),
         coarse_(coarse),
         k_(refinement),
+        block_size_(static_cast<std::size_t>(k_ * k_ * k_)),
         cells_(coarse.nodes - Eigen::Vector3i::Ones()),
         block_of_(static_cast<std::size_t>(cells_.x()) * static_cast<std::size_t>(cells_.y()) *
                       static_cast<std::size_t>(cells_.z()),
@@ -28,11 +37,10 @@ class Extractor {
         active_(block_of_.size(), 0) {}
 
   TriangleMesh run() {
-    activate(initial_cells());
-    while (true) {
-      std::vector<std::size_t> more = crossed_neighbours();
-      if (more.empty()) break;
-      activate(more);
+    std::vector<std::size_t> wanted = initial_cells();
+    while (!wanted.empty()) {
+      make_exact_beside_level(activate(wanted));
+      wanted = crossed_neighbours();
     }
     return marched();
   }
@@ -51,20 +59,48 @@ class Extractor {
     return {static_cast<int>(id / nz / ny), static_cast<int>(id / nz % ny), static_cast<int>(id % nz)};
   }
   bool in_box(const Index& c) const { return (c.array() >= 0).all() && (c.array() < cells_.array()).all(); }
-  std::size_t block_size() const { return static_cast<std::size_t>(k_ * k_ * k_); }
-
-  /// Storage slot of a fine node; kNone where its block is absent.
-  std::ptrdiff_t slot(const Index& node) const {
-    const Index c(node.x() / k_, node.y() / k_, node.z() / k_);
-    if (!in_box(c)) return kNone;
-    const std::int32_t block = block_of_[cell_id(c)];
-    if (block == kNone) return kNone;
-    const Index l = node - c * k_;
-    return static_cast<std::ptrdiff_t>(static_cast<std::size_t>(block) * block_size()) +
-           (l.x() * k_ + l.y()) * k_ + l.z();
-  }
+  int in_block(int x, int y, int z) const { return (x * k_ + y) * k_ + z; }
   Vector3 position(const Index& node) const {
     return coarse_.origin_mm + (coarse_.spacing_mm / k_) * node.cast<double>();
+  }
+
+  /// The blocks of a cell and of the cells about it: first sample of each, or nothing where none is held.
+  struct Neighbourhood {
+    std::array<std::ptrdiff_t, 27> first;
+    int k;
+    /// Slot of the node (x, y, z) of the middle block, each within -k .. 2k - 1.
+    std::ptrdiff_t slot(int x, int y, int z) const {
+      const int bx = x < 0   ? 0
+                     : x < k ? 1
+                             : 2,
+                by = y < 0   ? 0
+                     : y < k ? 1
+                             : 2,
+                bz = z < 0   ? 0
+                     : z < k ? 1
+                             : 2;
+      const std::ptrdiff_t base = first[static_cast<std::size_t>((bx * 3 + by) * 3 + bz)];
+      if (base == kNone) return kNone;
+      return base + ((x - (bx - 1) * k) * k + (y - (by - 1) * k)) * k + (z - (bz - 1) * k);
+    }
+  };
+  Neighbourhood neighbourhood(const Index& cell) const {
+    Neighbourhood n{{}, k_};
+    std::size_t i = 0;
+    for (int x = -1; x <= 1; ++x)
+      for (int y = -1; y <= 1; ++y)
+        for (int z = -1; z <= 1; ++z, ++i) {
+          const Index c = cell + Index(x, y, z);
+          const std::int32_t block = in_box(c) ? block_of_[cell_id(c)] : kNone;
+          n.first[i] = block == kNone
+                           ? kNone
+                           : static_cast<std::ptrdiff_t>(static_cast<std::size_t>(block) * block_size_);
+        }
+    return n;
+  }
+  /// Beyond the box, and in cells that are not held, all is outside.
+  float value(std::ptrdiff_t slot) const {
+    return slot == kNone ? 1.0f : values_[static_cast<std::size_t>(slot)];
   }
 
   /// Coarse cells that the level may pass, by the estimate at their corners.
@@ -90,8 +126,9 @@ class Extractor {
     return out;
   }
 
-  /// Adds blocks for the cells and for the nodes on their upper faces, and samples what is new.
-  void activate(const std::vector<std::size_t>& ids) {
+  /// Adds blocks for the cells and for the nodes on their upper faces, and samples what is new. Returns the
+  /// cells of the new blocks.
+  std::vector<std::size_t> activate(const std::vector<std::size_t>& ids) {
     std::vector<std::size_t> fresh;
     for (const std::size_t id : ids) {
       active_[id] = 1;
@@ -101,139 +138,235 @@ class Extractor {
         if (!in_box(d)) continue;
         std::int32_t& block = block_of_[cell_id(d)];
         if (block != kNone) continue;
-        block = static_cast<std::int32_t>(blocks_++);
+        block = static_cast<std::int32_t>(cell_of_block_.size());
+        cell_of_block_.push_back(cell_id(d));
         fresh.push_back(cell_id(d));
       }
     }
-    values_.resize(blocks_ * block_size());
+    values_.resize(cell_of_block_.size() * block_size_);
+    is_exact_.resize(values_.size(), 0);
     parallel_each(fresh.size(), [&](std::size_t f) { sample_block(fresh[f]); });
+    return fresh;
   }
 
-  void sample_block(std::size_t id) {
-    const Index base = cell_at(id) * k_;
-    const double near = 2.0 * coarse_.spacing_mm / k_ + field_.estimate_error_mm;
-    for (int x = 0; x < k_; ++x)
-      for (int y = 0; y < k_; ++y)
-        for (int z = 0; z < k_; ++z) {
-          const Index node = base + Index(x, y, z);
-          const Vector3 p = position(node);
-          double value = field_.estimate(p);
-          if (std::abs(value) < near) value = field_.exact(p);
-          values_[static_cast<std::size_t>(slot(node))] = static_cast<float>(value);
-        }
+  std::size_t first_slot(std::size_t cell) const {
+    return static_cast<std::size_t>(block_of_[cell]) * block_size_;
   }
 
-  bool inside(const Index& node) const {
-    const std::ptrdiff_t s = slot(node);
-    return s != kNone && values_[static_cast<std::size_t>(s)] < 0.0f;
+  void sample_block(std::size_t cell) {
+    const Index base = cell_at(cell) * k_;
+    const std::size_t first = first_slot(cell);
+    std::vector<int> ask;
+    each_node(k_, [&](int x, int y, int z) {
+      const int i = in_block(x, y, z);
+      const double estimate = field_.estimate(position(base + Index(x, y, z)));
+      values_[first + static_cast<std::size_t>(i)] = static_cast<float>(estimate);
+      if (std::abs(estimate) < field_.sure_mm) ask.push_back(i);
+    });
+    make_exact(cell, ask);
   }
 
-  /// Cells beyond a face of an active cell that the level crosses.
-  std::vector<std::size_t> crossed_neighbours() const {
-    std::vector<std::size_t> out;
-    for (std::size_t id = 0; id < active_.size(); ++id) {
-      if (!active_[id]) continue;
-      const Index c = cell_at(id);
-      for (int axis = 0; axis < 3; ++axis)
-        for (int side = 0; side < 2; ++side) {
-          Index d = c;
-          d[axis] += side ? 1 : -1;
-          if (!in_box(d) || active_[cell_id(d)]) continue;
-          if (face_crossed(c * k_, axis, side)) out.push_back(cell_id(d));
-        }
+  void make_exact(std::size_t cell, const std::vector<int>& nodes) {
+    if (nodes.empty()) return;
+    const Index base = cell_at(cell) * k_;
+    const std::size_t first = first_slot(cell);
+    std::vector<Vector3> points;
+    for (const int i : nodes) points.push_back(position(base + Index(i / k_ / k_, i / k_ % k_, i % k_)));
+    std::vector<double> values(points.size());
+    field_.exact(points, values);
+    for (std::size_t n = 0; n < nodes.size(); ++n) {
+      values_[first + static_cast<std::size_t>(nodes[n])] = static_cast<float>(values[n]);
+      is_exact_[first + static_cast<std::size_t>(nodes[n])] = 1;
     }
+  }
+
+  /// Estimates in the block that have a neighbour on the other side of the level.
+  std::vector<int> estimates_beside_level(std::size_t cell) const {
+    const Neighbourhood near = neighbourhood(cell_at(cell));
+    std::vector<int> out;
+    each_node(k_, [&](int x, int y, int z) {
+      const auto slot = static_cast<std::size_t>(near.slot(x, y, z));
+      if (is_exact_[slot]) return;
+      const bool in = values_[slot] < 0.0f;
+      const auto crossed = [&](int dx, int dy, int dz) {
+        return (value(near.slot(x + dx, y + dy, z + dz)) < 0.0f) != in;
+      };
+      if (crossed(1, 0, 0) || crossed(-1, 0, 0) || crossed(0, 1, 0) || crossed(0, -1, 0) ||
+          crossed(0, 0, 1) || crossed(0, 0, -1))
+        out.push_back(in_block(x, y, z));
+    });
+    return out;
+  }
+
+  /// Both ends of every crossed edge get exact values; that may move the crossing, so the neighbours are
+  /// looked at again.
+  void make_exact_beside_level(const std::vector<std::size_t>& fresh) {
+    std::vector<std::size_t> look = with_neighbours(fresh);
+    while (!look.empty()) {
+      std::vector<std::vector<int>> ask(look.size());
+      parallel_each(look.size(), [&](std::size_t i) { ask[i] = estimates_beside_level(look[i]); });
+      parallel_each(look.size(), [&](std::size_t i) { make_exact(look[i], ask[i]); });
+      std::vector<std::size_t> changed;
+      for (std::size_t i = 0; i < look.size(); ++i)
+        if (!ask[i].empty()) changed.push_back(look[i]);
+      look = with_neighbours(changed);
+    }
+  }
+
+  /// The cells and those that share a face with them, where blocks are held.
+  std::vector<std::size_t> with_neighbours(const std::vector<std::size_t>& cells) const {
+    std::vector<std::size_t> out = cells;
+    for (const std::size_t id : cells)
+      for (int n = 0; n < 6; ++n) {
+        Index c = cell_at(id);
+        c[n / 2] += n % 2 ? 1 : -1;
+        if (in_box(c) && block_of_[cell_id(c)] != kNone) out.push_back(cell_id(c));
+      }
     std::sort(out.begin(), out.end());
     out.erase(std::unique(out.begin(), out.end()), out.end());
     return out;
   }
 
-  bool face_crossed(const Index& base, int axis, int side) const {
+  /// Cells beyond a face of an active cell that the level crosses.
+  std::vector<std::size_t> crossed_neighbours() const {
+    std::vector<unsigned char> sides(cell_of_block_.size(), 0);
+    parallel_each(cell_of_block_.size(), [&](std::size_t block) {
+      if (active_[cell_of_block_[block]]) sides[block] = crossed_sides(cell_at(cell_of_block_[block]));
+    });
+    std::vector<std::size_t> out;
+    for (std::size_t block = 0; block < sides.size(); ++block)
+      for (int n = 0; n < 6; ++n) {
+        if ((sides[block] >> n & 1) == 0) continue;
+        Index c = cell_at(cell_of_block_[block]);
+        c[n / 2] += n % 2 ? 1 : -1;
+        out.push_back(cell_id(c));
+      }
+    std::sort(out.begin(), out.end());
+    out.erase(std::unique(out.begin(), out.end()), out.end());
+    return out;
+  }
+
+  /// Bit 2·axis + side for each face of the cell that the level crosses and beyond which no cell is active.
+  unsigned char crossed_sides(const Index& cell) const {
+    const Neighbourhood near = neighbourhood(cell);
+    unsigned char out = 0;
+    for (int n = 0; n < 6; ++n) {
+      Index beyond = cell;
+      beyond[n / 2] += n % 2 ? 1 : -1;
+      if (!in_box(beyond) || active_[cell_id(beyond)]) continue;
+      if (face_crossed(near, n / 2, n % 2)) out = static_cast<unsigned char>(out | 1 << n);
+    }
+    return out;
+  }
+
+  bool face_crossed(const Neighbourhood& near, int axis, int side) const {
     int in = 0;
-    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
     for (int a = 0; a <= k_; ++a)
       for (int b = 0; b <= k_; ++b) {
-        Index node = base;
-        node[axis] += side ? k_ : 0;
-        node[u] += a;
-        node[v] += b;
-        in += inside(node) ? 1 : 0;
+        Index node;
+        node[axis] = side ? k_ : 0;
+        node[(axis + 1) % 3] = a;
+        node[(axis + 2) % 3] = b;
+        in += value(near.slot(node.x(), node.y(), node.z())) < 0.0f ? 1 : 0;
       }
     return in != 0 && in != (k_ + 1) * (k_ + 1);
   }
 
-  /// Vertices on crossed edges (three slots per node), then triangles cell by cell; both numbered by block.
+  /// Vertices on crossed edges (three slots per node), then triangles cell by cell; both numbered by the
+  /// place of their block.
   TriangleMesh marched() {
-    std::vector<std::size_t> blocks(blocks_);
-    for (std::size_t id = 0; id < block_of_.size(); ++id)
-      if (block_of_[id] != kNone) blocks[static_cast<std::size_t>(block_of_[id])] = id;
-    std::sort(blocks.begin(), blocks.end());
-
+    std::vector<std::size_t> cells = cell_of_block_;
+    std::sort(cells.begin(), cells.end());
     vertex_.assign(values_.size() * 3, kNone);
+    const auto vertices_of = [&](std::size_t i, std::vector<Vector3>* out, std::size_t start) {
+      return march_edges(cells[i], out, start);
+    };
+    const auto triangles_of = [&](std::size_t i, std::vector<Triangle>* out, std::size_t start) {
+      return active_[cells[i]] ? march_cubes(cells[i], out, start) : 0;
+    };
     TriangleMesh mesh;
-    for (const std::size_t id : blocks) add_vertices(id, mesh);
-    for (const std::size_t id : blocks)
-      if (active_[id]) add_triangles(id, mesh);
+    fill_in_order(cells.size(), vertices_of, mesh.vertices_mm);
+    fill_in_order(cells.size(), triangles_of, mesh.triangles);
     // Vertices of edges that no visited cell uses are left behind.
     return submesh(mesh, std::vector<bool>(mesh.triangles.size(), true));
   }
 
-  void add_vertices(std::size_t id, TriangleMesh& mesh) {
-    const Index base = cell_at(id) * k_;
-    for (int x = 0; x < k_; ++x)
-      for (int y = 0; y < k_; ++y)
-        for (int z = 0; z < k_; ++z) {
-          const Index node = base + Index(x, y, z);
-          const std::ptrdiff_t s = slot(node);
-          const double here = values_[static_cast<std::size_t>(s)];
-          for (int axis = 0; axis < 3; ++axis) {
-            Index other = node;
-            other[axis] += 1;
-            const std::ptrdiff_t o = slot(other);
-            // Beyond the box, and in cells that are not visited, all is outside.
-            const double there = o == kNone ? 1.0 : values_[static_cast<std::size_t>(o)];
-            if ((here < 0.0) == (there < 0.0)) continue;
-            const double t = std::clamp(here / (here - there), kEndMargin, 1.0 - kEndMargin);
-            vertex_[static_cast<std::size_t>(s) * 3 + static_cast<std::size_t>(axis)] =
-                static_cast<std::int32_t>(mesh.vertices_mm.size());
-            mesh.vertices_mm.push_back((1.0 - t) * position(node) + t * position(other));
-          }
-        }
+  /// Counts, then writes: piece(i, nullptr, 0) tells how many items i has, piece(i, &out, start) puts them
+  /// there.
+  template <class Item, class Piece>
+  static void fill_in_order(std::size_t count, const Piece& piece, std::vector<Item>& out) {
+    std::vector<std::size_t> start(count + 1, 0);
+    parallel_each(count, [&](std::size_t i) { start[i + 1] = piece(i, nullptr, 0); });
+    for (std::size_t i = 0; i < count; ++i) start[i + 1] += start[i];
+    out.resize(start.back());
+    parallel_each(count, [&](std::size_t i) { piece(i, &out, start[i]); });
   }
 
-  void add_triangles(std::size_t id, TriangleMesh& mesh) const {
-    const Index base = cell_at(id) * k_;
-    for (int x = 0; x < k_; ++x)
-      for (int y = 0; y < k_; ++y)
-        for (int z = 0; z < k_; ++z) {
-          const Index cube = base + Index(x, y, z);
-          unsigned mask = 0;
-          for (int n = 0; n < 8; ++n)
-            if (inside(cube + Index(n & 1, n >> 1 & 1, n >> 2 & 1))) mask |= 1U << n;
-          for (const auto& triangle : cube_table()[mask].triangles) {
-            Triangle t{};
-            for (std::size_t c = 0; c < 3; ++c) {
-              const std::size_t e = triangle[c];
-              const int n = cube_edges()[e][0];
-              const std::ptrdiff_t s = slot(cube + Index(n & 1, n >> 1 & 1, n >> 2 & 1));
-              t[c] = static_cast<std::uint32_t>(vertex_[static_cast<std::size_t>(s) * 3 + e / 4]);
-            }
-            mesh.triangles.push_back(t);
+  std::size_t march_edges(std::size_t cell, std::vector<Vector3>* out, std::size_t start) {
+    const Index base = cell_at(cell) * k_;
+    const Neighbourhood near = neighbourhood(cell_at(cell));
+    std::size_t count = 0;
+    each_node(k_, [&](int x, int y, int z) {
+      const auto slot = static_cast<std::size_t>(near.slot(x, y, z));
+      const double here = values_[slot];
+      for (int axis = 0; axis < 3; ++axis) {
+        Index other(x, y, z);
+        other[axis] += 1;
+        const double there = value(near.slot(other.x(), other.y(), other.z()));
+        if ((here < 0.0) == (there < 0.0)) continue;
+        const std::size_t number = start + count++;
+        if (!out) continue;
+        const double t = std::clamp(here / (here - there), kEndMargin, 1.0 - kEndMargin);
+        vertex_[slot * 3 + static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(number);
+        (*out)[number] = (1.0 - t) * position(base + Index(x, y, z)) + t * position(base + other);
+      }
+    });
+    return count;
+  }
+
+  std::size_t march_cubes(std::size_t cell, std::vector<Triangle>* out, std::size_t start) const {
+    const Neighbourhood near = neighbourhood(cell_at(cell));
+    std::size_t count = 0;
+    each_node(k_, [&](int x, int y, int z) {
+      unsigned mask = 0;
+      for (int n = 0; n < 8; ++n)
+        if (value(near.slot(x + (n & 1), y + (n >> 1 & 1), z + (n >> 2 & 1))) < 0.0f) mask |= 1U << n;
+      const auto& triangles = cube_table()[mask].triangles;
+      if (out)
+        for (std::size_t i = 0; i < triangles.size(); ++i)
+          for (std::size_t c = 0; c < 3; ++c) {
+            const std::size_t e = triangles[i][c];
+            const int n = cube_edges()[e][0];
+            const auto slot =
+                static_cast<std::size_t>(near.slot(x + (n & 1), y + (n >> 1 & 1), z + (n >> 2 & 1)));
+            (*out)[start + count + i][c] = static_cast<std::uint32_t>(vertex_[slot * 3 + e / 4]);
           }
-        }
+      count += triangles.size();
+    });
+    return count;
   }
 
   const ExtractionField& field_;
   const GridShape& coarse_;
   const int k_;
+  const std::size_t block_size_;
   const Index cells_;
-  std::vector<std::int32_t> block_of_;
-  std::vector<char> active_;
-  std::size_t blocks_ = 0;
+  std::vector<std::int32_t> block_of_;  ///< of each cell
+  std::vector<std::size_t> cell_of_block_;
+  std::vector<char> active_;  ///< cells that are marched
   std::vector<float> values_;
+  std::vector<char> is_exact_;
   std::vector<std::int32_t> vertex_;
 };
 
 }  // namespace
+
+std::function<void(const std::vector<Vector3>&, std::vector<double>&)> pointwise(
+    std::function<double(const Vector3&)> f) {
+  return [f = std::move(f)](const std::vector<Vector3>& points, std::vector<double>& values) {
+    for (std::size_t i = 0; i < points.size(); ++i) values[i] = f(points[i]);
+  };
+}
 
 TriangleMesh extracted_surface(const ExtractionField& field, const GridShape& coarse, int refinement) {
   return Extractor(field, coarse, refinement).run();

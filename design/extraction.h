@@ -9,13 +9,18 @@
 
 namespace gnathion {
 
-/// A field to extract: `estimate` is cheap and never wrong by more than `estimate_error_mm`; `exact` is
-/// called for points whose estimate is small. Both thread-safe; change by no more than about 1 per mm.
+/// A field to extract. Both functions are thread-safe and change by no more than about 1 per mm.
 struct ExtractionField {
-  std::function<double(const Vector3&)> estimate;
-  std::function<double(const Vector3&)> exact;
-  double estimate_error_mm = 0.25;
+  std::function<double(const Vector3&)> estimate;  ///< cheap; finds the level
+  /// For points that lie close together (some tens); used on both ends of every edge that the level crosses.
+  std::function<void(const std::vector<Vector3>&, std::vector<double>&)> exact;
+  /// Where the estimate is smaller the exact value is asked at once; elsewhere only if the level comes by.
+  double sure_mm = 0.12;
 };
+
+/// `exact` from a function of single points.
+std::function<void(const std::vector<Vector3>&, std::vector<double>&)> pointwise(
+    std::function<double(const Vector3&)> f);
 
 /// Marching cubes over the cells near the level; fine spacing = coarse spacing / refinement. Only the coarse
 /// cells that the surface passes hold fine samples, so cost grows with area. Closed, oriented and manifold by

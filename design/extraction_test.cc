@@ -16,7 +16,7 @@ GridShape box(double half_mm, double spacing_mm) {
 }
 
 ExtractionField of(std::function<double(const Vector3&)> f) {
-  return {f, f, 0.0};
+  return {f, pointwise(f)};
 }
 
 TEST(Extraction, SphereLiesOnTheSphere) {
@@ -39,11 +39,10 @@ TEST(Extraction, FollowsTheSurfaceIntoCellsThatTheEstimateMissed) {
   // The estimate sees only half of the torus; the rest is found by following crossed faces.
   const auto torus = [](const Vector3& p) { return std::hypot(std::hypot(p.x(), p.y()) - 4.0, p.z()) - 1.0; };
   ExtractionField field;
-  field.exact = torus;
+  field.exact = pointwise(torus);
   field.estimate = [&](const Vector3& p) {
     return p.x() < -1e-9 && std::abs(torus(p)) > 0.25 ? 0.9 : torus(p);
   };
-  field.estimate_error_mm = 0.9;
   const TriangleMesh mesh = extracted_surface(field, box(6.0, 0.4), 2);
   const MeshTopology topology = mesh_topology(mesh);
   EXPECT_TRUE(topology.watertight());

@@ -16,7 +16,7 @@ TriangleMesh open_ball(const Cut& cut) {
   shape.origin_mm = Vector3::Constant(-12.0);
   shape.nodes = {25, 25, 25};
   const auto f = [](const Vector3& p) { return p.norm() - 10.0; };
-  const TriangleMesh ball = extracted_surface({f, f, 0.0}, shape, 2);
+  const TriangleMesh ball = extracted_surface({f, pointwise(f)}, shape, 2);
   std::vector<bool> keep(ball.triangles.size());
   for (std::size_t t = 0; t < keep.size(); ++t)
     keep[t] = !cut((ball.corner(t, 0) + ball.corner(t, 1) + ball.corner(t, 2)) / 3.0);

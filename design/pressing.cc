@@ -20,29 +20,32 @@ struct Push {
   }
 };
 
-/// The way out of the solid, or zero.
-Vector3 way_out(const Vector3& p, const MeshQuery& solid, double tolerance_mm) {
-  const auto d = solid_distance(solid, p, kReachMm);
-  if (!d || d->distance_mm >= -tolerance_mm) return Vector3::Zero();
-  return d->closest.point_mm - p;
+/// The ways out of the solid for all points, zero where they are not deeper inside than the tolerance.
+std::vector<Vector3> ways_out(const std::vector<Vector3>& points, const MeshQuery& solid,
+                              double tolerance_mm) {
+  const std::vector<SolidHit> hits = solid_hits(solid, points, kReachMm);
+  std::vector<Vector3> ways(points.size(), Vector3::Zero());
+  for (std::size_t i = 0; i < ways.size(); ++i)
+    if (hits[i].distance_mm < -tolerance_mm) ways[i] = hits[i].point_mm - points[i];
+  return ways;
 }
 
 /// Corners and centres of the listed triangles that are inside the solid.
 void push_triangles(const TriangleMesh& mesh, const std::vector<std::uint32_t>& triangles,
                     const MeshQuery& solid, double tolerance_mm, std::vector<Push>& pushes) {
-  std::vector<std::array<Vector3, 4>> ways(triangles.size());
-  parallel_each(triangles.size(), [&](std::size_t i) {
-    const std::uint32_t t = triangles[i];
-    for (int k = 0; k < 3; ++k)
-      ways[i][static_cast<std::size_t>(k)] = way_out(mesh.corner(t, k), solid, tolerance_mm);
-    ways[i][3] =
-        way_out((mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0, solid, tolerance_mm);
-  });
+  std::vector<std::uint32_t> corners;
+  for (const std::uint32_t t : triangles)
+    corners.insert(corners.end(), mesh.triangles[t].begin(), mesh.triangles[t].end());
+  std::sort(corners.begin(), corners.end());
+  corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
+  std::vector<Vector3> points;
+  for (const std::uint32_t v : corners) points.push_back(mesh.vertices_mm[v]);
+  for (const std::uint32_t t : triangles)
+    points.push_back((mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0);
+  const std::vector<Vector3> ways = ways_out(points, solid, tolerance_mm);
+  for (std::size_t i = 0; i < corners.size(); ++i) pushes[corners[i]].take(ways[i]);
   for (std::size_t i = 0; i < triangles.size(); ++i)
-    for (std::size_t k = 0; k < 3; ++k) {
-      pushes[mesh.triangles[triangles[i]][k]].take(ways[i][k]);
-      pushes[mesh.triangles[triangles[i]][k]].take(ways[i][3]);
-    }
+    for (const std::uint32_t v : mesh.triangles[triangles[i]]) pushes[v].take(ways[corners.size() + i]);
 }
 
 /// Vertices of the jaw inside the splint push the triangle that they pierced along their own normal. Returns
@@ -52,23 +55,22 @@ bool push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double 
   const auto& vertices = jaw.mesh().vertices_mm;
   const std::vector<Vector3> normals = vertex_normals(jaw.mesh());
   const Box box = bounding_box(splint.mesh());
-  struct Hit {
-    std::uint32_t triangle = 0;
-    Vector3 by_mm = Vector3::Zero();
-  };
-  std::vector<Hit> hits(vertices.size());
-  parallel_each(vertices.size(), [&](std::size_t v) {
+  std::vector<std::uint32_t> inside_box;
+  std::vector<Vector3> points;
+  for (std::uint32_t v = 0; v < vertices.size(); ++v) {
     const Vector3& p = vertices[v];
-    if ((p.array() < box.min_mm.array()).any() || (p.array() > box.max_mm.array()).any()) return;
-    const auto d = splint.signed_distance(p, kVertexReachMm);
-    if (d && d->distance_mm < -tolerance_mm) hits[v] = {d->closest.triangle, -d->distance_mm * normals[v]};
-  });
+    if ((p.array() < box.min_mm.array()).any() || (p.array() > box.max_mm.array()).any()) continue;
+    inside_box.push_back(v);
+    points.push_back(p);
+  }
+  const std::vector<ClosestHit> hits = closest_points(splint, points, kVertexReachMm);
   std::vector<Push> core(pushes.size());
   bool any = false;
-  for (const Hit& hit : hits) {
-    if (hit.by_mm.isZero()) continue;
+  for (std::size_t i = 0; i < hits.size(); ++i) {
+    if (hits[i].triangle == ClosestHit::kNoTriangle || hits[i].distance_mm >= -tolerance_mm) continue;
     any = true;
-    for (const std::uint32_t corner : splint.mesh().triangles[hit.triangle]) core[corner].take(hit.by_mm);
+    const Vector3 by_mm = -hits[i].distance_mm * normals[inside_box[i]];
+    for (const std::uint32_t corner : splint.mesh().triangles[hits[i].triangle]) core[corner].take(by_mm);
   }
   if (!any) return false;
   // Neighbours go half the way, so that the surface bends instead of folding.

@@ -1,6 +1,13 @@
 #include "design/solid_distance.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
 #include <cmath>
+#include <numeric>
+
+#include "core/point_groups.h"
 
 namespace gnathion {
 namespace {
@@ -17,22 +24,94 @@ bool odd(const MeshQuery& solid, const Vector3& p, int direction) {
   return solid.count_crossings(p, kDirections[direction]) % 2 != 0;
 }
 
+/// So near to the surface that the closest normal tells the side.
+bool side_by_normal(const Vector3& p_mm, const SignedDistance& d) {
+  const double distance = std::abs(d.distance_mm);
+  if (distance < 1e-4) return true;
+  const Vector3 way = p_mm - d.closest.point_mm;
+  const double cosine = way.dot(d.closest.normal) / (way.norm() * d.closest.normal.norm() + 1e-300);
+  return distance < kOnSurfaceMm && std::abs(cosine) >= kClearCosine;
+}
+
+/// The normal's word if a ray agrees, else the majority of three.
+bool inside_by_rays(const MeshQuery& solid, const Vector3& p, bool by_normal) {
+  if (odd(solid, p, 0) == by_normal) return by_normal;
+  const int votes = (by_normal ? 0 : 1) + (odd(solid, p, 1) ? 1 : 0) + (odd(solid, p, 2) ? 1 : 0);
+  return votes >= 2;
+}
+
+void set_side(SignedDistance& d, bool inside) {
+  const double distance = std::abs(d.distance_mm);
+  d.distance_mm = inside ? -distance : distance;
+}
+
 }  // namespace
 
 std::optional<SignedDistance> solid_distance(const MeshQuery& solid, const Vector3& p_mm,
                                              double max_distance_mm) {
   auto found = solid.signed_distance(p_mm, max_distance_mm);
-  if (!found) return found;
-  const double distance = std::abs(found->distance_mm);
-  const Vector3 way = p_mm - found->closest.point_mm;
-  const double cosine = way.dot(found->closest.normal) / (way.norm() * found->closest.normal.norm() + 1e-300);
-  if (distance < 1e-4 || (distance < kOnSurfaceMm && std::abs(cosine) >= kClearCosine)) return found;
-  const bool by_normal = found->distance_mm < 0.0;
-  if (odd(solid, p_mm, 0) == by_normal) return found;
-  const int votes = (by_normal ? 0 : 1) + (odd(solid, p_mm, 1) ? 1 : 0) + (odd(solid, p_mm, 2) ? 1 : 0);
-  const bool inside = votes >= 2;
-  found->distance_mm = inside ? -distance : distance;
+  if (!found || side_by_normal(p_mm, *found)) return found;
+  set_side(*found, inside_by_rays(solid, p_mm, found->distance_mm < 0.0));
   return found;
+}
+
+void SolidGroup::measure(std::vector<Point>& points) {
+  if (points.empty()) return;
+  Box box;
+  double reach = 0.0;
+  for (const Point& p : points) {
+    box.extend(p.p_mm);
+    reach = std::max(reach, p.reach_mm);
+  }
+  const bool any = local_.gather(box.centre_mm(), 0.5 * box.size_mm().norm() * (1.0 + 1e-9), reach);
+  order_.clear();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    Point& p = points[i];
+    const auto found = any ? local_.signed_distance(p.p_mm, p.reach_mm) : std::nullopt;
+    p.found = found.has_value();
+    if (!found) continue;
+    p.distance = *found;
+    if (!side_by_normal(p.p_mm, p.distance)) order_.push_back(i);
+  }
+  // From the farthest on: each has its side from one before it whose ball meets its own, or by rays.
+  std::sort(order_.begin(), order_.end(), [&](std::size_t a, std::size_t b) {
+    const double da = std::abs(points[a].distance.distance_mm), db = std::abs(points[b].distance.distance_mm);
+    return da != db ? da > db : a < b;
+  });
+  for (std::size_t n = 0; n < order_.size(); ++n) {
+    Point& p = points[order_[n]];
+    const double room = std::abs(p.distance.distance_mm);
+    std::size_t before = 0;
+    while (before < n) {
+      const Point& q = points[order_[before]];
+      const double reach_both = 0.999 * (room + std::abs(q.distance.distance_mm));
+      if ((p.p_mm - q.p_mm).squaredNorm() < reach_both * reach_both) break;
+      ++before;
+    }
+    set_side(p.distance, before < n ? points[order_[before]].distance.distance_mm < 0.0
+                                    : inside_by_rays(solid_, p.p_mm, p.distance.distance_mm < 0.0));
+  }
+}
+
+std::vector<SolidHit> solid_hits(const MeshQuery& solid, const std::vector<Vector3>& points,
+                                 double max_distance_mm) {
+  std::vector<SolidHit> out(points.size());
+  if (points.empty()) return out;
+  const PointGroups groups = grouped_by_place(points, group_side_mm(points, solid.mesh()));
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), 16), [&](const auto& range) {
+    SolidGroup group(solid);
+    std::vector<SolidGroup::Point> members;
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      members.clear();
+      for (const std::uint32_t* p = groups.begin(g); p != groups.end(g); ++p)
+        members.push_back({points[*p], max_distance_mm, false, {}});
+      group.measure(members);
+      for (std::size_t i = 0; i < members.size(); ++i)
+        if (members[i].found)
+          out[groups.begin(g)[i]] = {members[i].distance.distance_mm, members[i].distance.closest.point_mm};
+    }
+  });
+  return out;
 }
 
 }  // namespace gnathion

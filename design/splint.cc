@@ -45,7 +45,7 @@ class Steps {
 TriangleMesh extract(const SplintField& field) {
   ExtractionField f;
   f.estimate = [&](const Vector3& p) { return field.estimate(p).value; };
-  f.exact = [&](const Vector3& p) { return field.exact(p).value; };
+  f.exact = [&](const std::vector<Vector3>& p, std::vector<double>& values) { field.exact(p, values); };
   return extracted_surface(f, field.preparation().coarse, field.preparation().refinement);
 }
 

@@ -175,28 +175,52 @@ FieldTerms SplintField::estimate(const Vector3& p) const {
   return compose(p, interpolated(p));
 }
 
-FieldTerms SplintField::exact(const Vector3& p) const {
-  Ingredients in = interpolated(p);
-  in.body = body_.smooth(p);
-  const FieldTerms rough = compose(p, in);
-  const double film_mm = rough.cavity + rough.cut - par_.aperture_limit_mm;
-  const bool film = std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
-  const auto reach = [](double estimate) { return std::min(kReachMm, std::abs(estimate) + kEstimateMm); };
-  if (std::abs(rough.cavity) < kEstimateMm || film) {
-    if (const auto d = solid_distance(prep_.maxilla, p, reach(in.maxilla))) {
-      in.maxilla = d->distance_mm;
-      in.gap = seat_gap_mm(d->closest);
+namespace {
+/// The points of a block that need a distance, and where each stands in the block.
+struct Asked {
+  std::vector<SolidGroup::Point> points;
+  std::vector<std::size_t> index;
+  void add(const Vector3& p_mm, double estimate_mm, std::size_t i) {
+    points.push_back({p_mm, std::min(kReachMm, std::abs(estimate_mm) + kEstimateMm), false, {}});
+    index.push_back(i);
+  }
+  template <class Body>
+  void measure(const MeshQuery& solid, const Body& take) {
+    SolidGroup(solid).measure(points);
+    for (std::size_t n = 0; n < points.size(); ++n)
+      if (points[n].found) take(index[n], points[n].distance);
+  }
+};
+}  // namespace
+
+void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>& values) const {
+  std::vector<Ingredients> in(points.size());
+  Asked maxilla, mandible, stamp;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vector3& p = points[i];
+    in[i] = interpolated(p);
+    in[i].body = body_.smooth(p);
+    const FieldTerms rough = compose(p, in[i]);
+    const double film_mm = rough.cavity + rough.cut - par_.aperture_limit_mm;
+    const bool film =
+        std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
+    if (std::abs(rough.cavity) < kEstimateMm || film) maxilla.add(p, in[i].maxilla, i);
+    if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
+      mandible.add(p, in[i].mandible, i);
+      stamp.add(natural_from_tp_ * p, in[i].stamp, i);
     }
   }
-  if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
-    if (const auto d = solid_distance(prep_.mandible, p, reach(in.mandible)))
-      in.mandible =
-          d->distance_mm - kImprintTipVoxels * par_.voxel_mm *
-                               sharpness_at(prep_.mandible.mesh(), prep_.mandible_sharpness, d->closest);
-    if (const auto d = solid_distance(prep_.maxilla, natural_from_tp_ * p, reach(in.stamp)))
-      in.stamp = d->distance_mm;
-  }
-  return compose(p, in);
+  maxilla.measure(prep_.maxilla, [&](std::size_t i, const SignedDistance& d) {
+    in[i].maxilla = d.distance_mm;
+    in[i].gap = seat_gap_mm(d.closest);
+  });
+  mandible.measure(prep_.mandible, [&](std::size_t i, const SignedDistance& d) {
+    in[i].mandible =
+        d.distance_mm - kImprintTipVoxels * par_.voxel_mm *
+                            sharpness_at(prep_.mandible.mesh(), prep_.mandible_sharpness, d.closest);
+  });
+  stamp.measure(prep_.maxilla, [&](std::size_t i, const SignedDistance& d) { in[i].stamp = d.distance_mm; });
+  for (std::size_t i = 0; i < points.size(); ++i) values[i] = compose(points[i], in[i]).value;
 }
 
 }  // namespace gnathion

@@ -29,8 +29,8 @@ class SplintField {
 
   /// From grids alone; good to about 0.1 mm.
   FieldTerms estimate(const Vector3& p_mm) const;
-  /// With mesh distances for every term that matters at p.
-  FieldTerms exact(const Vector3& p_mm) const;
+  /// With mesh distances for every term that matters; for points close together (values only).
+  void exact(const std::vector<Vector3>& points_mm, std::vector<double>& values) const;
 
   /// False where neither jaw can be within distance_mm; cheap.
   bool near_jaw(const Vector3& p_mm, double distance_mm) const;

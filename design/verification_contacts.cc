@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "design/parallel.h"
 #include "design/verification_steps.h"
 #include "occlusion/teeth.h"
 
@@ -12,15 +11,13 @@ constexpr double kContactMm = 0.05;
 
 /// Part of the natural contact area that touches the splint in TP.
 double kept_fraction(const Contacts& natural, const Rigid3& design_tp_from_dental, const MeshQuery& splint) {
-  std::vector<double> kept(natural.samples.size(), 0.0);
-  parallel_each(kept.size(), [&](std::size_t i) {
-    const SurfaceSample& s = natural.samples[i];
-    if (splint.closest(design_tp_from_dental * s.p_mm, kContactMm)) kept[i] = s.area_mm2;
-  });
+  std::vector<Vector3> points;
+  for (const SurfaceSample& s : natural.samples) points.push_back(design_tp_from_dental * s.p_mm);
+  const std::vector<ClosestHit> hits = closest_points(splint, points, kContactMm);
   double sum = 0.0, total = 0.0;
-  for (std::size_t i = 0; i < kept.size(); ++i) {
-    sum += kept[i];
+  for (std::size_t i = 0; i < hits.size(); ++i) {
     total += natural.samples[i].area_mm2;
+    if (hits[i].triangle != ClosestHit::kNoTriangle) sum += natural.samples[i].area_mm2;
   }
   return total > 0.0 ? sum / total : 0.0;
 }
@@ -34,16 +31,23 @@ double contact_error(double stamp_mm, double mandible_mm) {
 void measure_contact_surface(const FinishedSplint& splint, const Preparation& preparation,
                              SplintVerification& out) {
   const Rigid3 natural_from_tp = preparation.therapeutic.inverse();
-  const auto& vertices = splint.mesh().vertices_mm;
-  std::vector<double> error(vertices.size(), -1.0);
-  parallel_each(vertices.size(), [&](std::size_t v) {
-    if (splint.parts[v] != SurfacePart::kImprint && splint.parts[v] != SurfacePart::kStamp) return;
-    const auto mandible = preparation.mandible.signed_distance(vertices[v], kContactMm);
-    if (!mandible) return;
-    const auto stamp = preparation.maxilla.signed_distance(natural_from_tp * vertices[v], 1.0);
-    error[v] = std::abs(contact_error(stamp ? stamp->distance_mm : 1.0, mandible->distance_mm));
-  });
-  error.erase(std::remove(error.begin(), error.end(), -1.0), error.end());
+  std::vector<Vector3> biting, natural;
+  for (std::size_t v = 0; v < splint.parts.size(); ++v)
+    if (splint.parts[v] == SurfacePart::kImprint || splint.parts[v] == SurfacePart::kStamp)
+      biting.push_back(splint.mesh().vertices_mm[v]);
+  const std::vector<ClosestHit> mandible = closest_points(preparation.mandible, biting, kContactMm);
+  std::vector<double> to_mandible;
+  for (std::size_t i = 0; i < biting.size(); ++i) {
+    if (mandible[i].triangle == ClosestHit::kNoTriangle) continue;
+    natural.push_back(natural_from_tp * biting[i]);
+    to_mandible.push_back(mandible[i].distance_mm);
+  }
+  const std::vector<ClosestHit> stamp = closest_points(preparation.maxilla, natural, 1.0);
+  std::vector<double> error;
+  for (std::size_t i = 0; i < natural.size(); ++i) {
+    const bool near = stamp[i].triangle != ClosestHit::kNoTriangle;
+    error.push_back(std::abs(contact_error(near ? stamp[i].distance_mm : 1.0, to_mandible[i])));
+  }
   if (error.empty()) return;
   std::sort(error.begin(), error.end());
   double sum = 0.0;

@@ -1,6 +1,5 @@
 #include <algorithm>
 
-#include "design/parallel.h"
 #include "design/solid_distance.h"
 #include "design/verification_steps.h"
 
@@ -11,11 +10,9 @@ constexpr double kReachMm = 0.2;  // a surface that goes deeper passes through t
 
 /// Deepest of the points inside the solid.
 double deepest(const std::vector<Vector3>& points, const MeshQuery& solid) {
-  std::vector<double> depth(points.size(), 0.0);
-  parallel_each(points.size(), [&](std::size_t i) {
-    if (const auto d = solid_distance(solid, points[i], kReachMm)) depth[i] = std::max(0.0, -d->distance_mm);
-  });
-  return points.empty() ? 0.0 : *std::max_element(depth.begin(), depth.end());
+  double depth = 0.0;
+  for (const SolidHit& hit : solid_hits(solid, points, kReachMm)) depth = std::max(depth, -hit.distance_mm);
+  return depth;
 }
 
 std::vector<Vector3> corners_and_centres(const TriangleMesh& mesh) {
@@ -48,10 +45,9 @@ void verify_fit(const FinishedSplint& splint, const Preparation& preparation, Sp
   std::vector<Vector3> cavity;
   for (std::size_t v = 0; v < splint.parts.size(); ++v)
     if (splint.parts[v] == SurfacePart::kCavity) cavity.push_back(splint.mesh().vertices_mm[v]);
-  std::vector<double> gaps(cavity.size(), 0.0);
-  parallel_each(cavity.size(), [&](std::size_t i) {
-    gaps[i] = std::max(0.0, preparation.maxilla.signed_distance(cavity[i])->distance_mm);
-  });
+  std::vector<double> gaps;
+  for (const ClosestHit& hit : closest_points(preparation.maxilla, cavity))
+    gaps.push_back(std::max(0.0, hit.distance_mm));
   if (gaps.empty()) return;
   std::sort(gaps.begin(), gaps.end());
   out.seat_gap = {gaps.front(), gaps[gaps.size() / 2], gaps.back()};

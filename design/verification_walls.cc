@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include "design/parallel.h"
 #include "design/verification_steps.h"
@@ -40,11 +41,10 @@ void verify_walls(const FinishedSplint& splint, const SplintField& field, Splint
     bool side = false;
   };
   std::vector<Sample> samples(cavity.vertices_mm.size());
+  const std::vector<ClosestHit> across = closest_points(to_outer, cavity.vertices_mm);
   parallel_each(samples.size(), [&](std::size_t v) {
-    const Vector3& p = cavity.vertices_mm[v];
-    if (field.estimate(p).rim > -par.wall_mm) return;
-    const auto found = to_outer.closest(p);
-    samples[v] = {found->distance_mm, field.estimate(found->point_mm).cut > par.wall_mm};
+    if (field.estimate(cavity.vertices_mm[v]).rim > -par.wall_mm) return;
+    samples[v] = {std::abs(across[v].distance_mm), field.estimate(across[v].point_mm).cut > par.wall_mm};
   });
   std::vector<double> all, side;
   double thinnest = 1e300;
@@ -66,12 +66,13 @@ void verify_walls(const FinishedSplint& splint, const SplintField& field, Splint
   if (!side.empty()) *side_wall_p01_mm = side[side.size() / 100];
 
   const TriangleMesh biting = splint.region({SurfacePart::kImprint, SurfacePart::kStamp});
-  std::vector<double> thin(biting.triangles.size(), 0.0);
-  parallel_each(thin.size(), [&](std::size_t t) {
-    const Vector3 centre = (biting.corner(t, 0) + biting.corner(t, 1) + biting.corner(t, 2)) / 3.0;
-    if (to_cavity.closest(centre, par.wall_mm - 0.02)) thin[t] = 0.5 * face_normal_scaled(biting, t).norm();
-  });
-  for (const double area : thin) out.thin_under_contact_mm2 += area;
+  std::vector<Vector3> centres;
+  for (std::size_t t = 0; t < biting.triangles.size(); ++t)
+    centres.push_back((biting.corner(t, 0) + biting.corner(t, 1) + biting.corner(t, 2)) / 3.0);
+  const std::vector<ClosestHit> thin = closest_points(to_cavity, centres, par.wall_mm - 0.02);
+  for (std::size_t t = 0; t < thin.size(); ++t)
+    if (thin[t].triangle != ClosestHit::kNoTriangle)
+      out.thin_under_contact_mm2 += 0.5 * face_normal_scaled(biting, t).norm();
 }
 
 }  // namespace gnathion

@@ -21,7 +21,8 @@ std::string model_xml(const TriangleMesh& mesh,
       "xmlns:gnathion=\"https://gnathion.example/3mf/2026\">\n"
       " <metadata name=\"Application\">Gnathion</metadata>\n";
   for (const auto& [name, value] : metadata)
-    xml += fmt::format(" <metadata name=\"gnathion:{}\">{}</metadata>\n", xml_escaped(name), xml_escaped(value));
+    xml +=
+        fmt::format(" <metadata name=\"gnathion:{}\">{}</metadata>\n", xml_escaped(name), xml_escaped(value));
   xml += " <resources>\n  <object id=\"1\" type=\"model\" name=\"splint\">\n   <mesh>\n    <vertices>\n";
   auto to = std::back_inserter(xml);
   for (const Vector3& v : mesh.vertices_mm)

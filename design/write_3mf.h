@@ -1,5 +1,5 @@
-// 3MF files (core specification 1.x). Written here, because lib3mf is not known to give the same bytes twice (its
-// writer was not tried); the tests read them back through lib3mf.
+// 3MF files (core specification 1.x). Written here, because lib3mf is not known to give the same bytes twice
+// (its writer was not tried); the tests read them back through lib3mf.
 #pragma once
 
 #include <filesystem>

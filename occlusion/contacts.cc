@@ -127,13 +127,14 @@ std::vector<SurfaceSample> sample_surface(const TriangleMesh& mesh, double step_
 
 std::vector<double> signed_gaps_mm(const std::vector<Vector3>& points_mm, const Rigid3& motion,
                                    const MeshQuery& surface, const Vector3& outward, double max_mm) {
+  std::vector<Vector3> moved(points_mm.size());
+  for (std::size_t i = 0; i < moved.size(); ++i) moved[i] = motion * points_mm[i];
+  const std::vector<ClosestHit> hits = closest_points(surface, moved, max_mm);
   std::vector<double> gap(points_mm.size(), kInfinity);
   tbb::parallel_for(std::size_t{0}, gap.size(), [&](std::size_t i) {
-    const Vector3 p = motion * points_mm[i];
-    const auto found = surface.signed_distance(p, max_mm);
-    if (!found) return;
-    gap[i] = found->distance_mm;
-    if (found->closest.on_boundary && inside_surface(surface, p, outward)) gap[i] = -gap[i];
+    if (hits[i].triangle == ClosestHit::kNoTriangle) return;
+    gap[i] = hits[i].distance_mm;
+    if (hits[i].on_boundary && inside_surface(surface, moved[i], outward)) gap[i] = -gap[i];
   });
   return gap;
 }
