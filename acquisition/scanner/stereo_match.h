@@ -25,6 +25,9 @@ DisparityImage match_semi_globally(const FloatImage& first, const FloatImage& se
 DisparityImage refined(const FloatImage& first, const FloatImage& second, const DisparityImage& coarse,
                        const StereoOptions& options);
 
+/// Takes away what borders on nothing: at rims windows reach over the edge.
+void trim_rims(DisparityImage& image);
+
 /// Median vertical shift between the images at matched pixels.
 double median_row_shift_px(const FloatImage& first, const FloatImage& second, const DisparityImage& coarse);
 

@@ -117,7 +117,7 @@ FloatImage rectified(const Image8& image, const CameraModel& camera, const Matri
                        const_cast<std::uint8_t*>(image.pixels.data()));
   cv::Mat grey, warped;
   source.convertTo(grey, CV_32F);
-  cv::remap(grey, warped, map_x, map_y, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
+  cv::remap(grey, warped, map_x, map_y, cv::INTER_LANCZOS4, cv::BORDER_REPLICATE);
   out.pixels.assign(warped.ptr<float>(), warped.ptr<float>() + warped.total());
   return out;
 }

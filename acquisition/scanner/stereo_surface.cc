@@ -101,7 +101,8 @@ Result<StereoSurface> stereo_surface(const Image8& first, const Image8& second, 
     const FloatImage right = rectified(second, second_camera.model, r.rectified_from_second, r, r.shift_px);
     const DisparityImage coarse = match_semi_globally(left, right, r, options, &out.report.disparities);
     out.report.row_shift_px = median_row_shift_px(left, right, coarse);
-    const DisparityImage fine = refined(left, right, coarse, options);
+    DisparityImage fine = refined(left, right, coarse, options);
+    trim_rims(fine);
     out.report.matched_share = share_matched(fine, left, options.step_px);
     if (out.report.matched_share < kLeastMatched)
       return bad_input(

@@ -15,7 +15,7 @@ namespace gnathion {
 struct StereoOptions {
   double near_mm = 300, far_mm = 600;    ///< depth along the rectified axis that is searched
   int match_block_px = 5;                ///< of the semi-global matching; odd
-  int refine_radius_px = 6;              ///< window of the sub-pixel refinement: 2r+1, Gaussian
+  int refine_radius_px = 4;              ///< window of the sub-pixel refinement: 2r+1, Gaussian
   int step_px = 2;                       ///< a vertex every so many pixels
   double left_right_px = 1.0;            ///< matched from either side, disparities agree this well
   double min_correlation = 0.75;         ///< of the two windows after refinement

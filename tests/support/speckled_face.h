@@ -70,7 +70,8 @@ inline SpeckledFace speckled_face(std::uint64_t seed, bool pattern = true) {
   return out;
 }
 
-/// Two cameras in front of the face, `distance_mm` away, toed in; the rig's frame is the first camera's.
+/// Two cameras in front of the face, `distance_mm` away, toed in a little; the rig's frame is the first
+/// camera's.
 struct StereoBench {
   RigCamera first, second;
   Rigid3 first_from_dental;
@@ -94,7 +95,10 @@ inline StereoBench stereo_bench(const TriangleMesh& face, double distance_mm, do
   const Vector3 sideways = upright ? Vector3(0, 0, -1) : Vector3(1, 0, 0);
   const auto camera_at = [&](double offset_mm) {
     const Vector3 eye = middle + Vector3(0, -distance_mm, 0) + offset_mm * sideways;
-    const Vector3 z = (middle - eye).normalized(), x = Vector3(0, 0, -1).cross(z).normalized();
+    // Toed in a little only: the renderer's lamp turns with its camera, and shading that differs between the
+    // cameras would be an error of the picture, not of the matching.
+    const Vector3 z = (middle + 0.85 * offset_mm * sideways - eye).normalized(),
+                  x = Vector3(0, 0, -1).cross(z).normalized();
     Rigid3 camera_from_dental;
     camera_from_dental.rotation.row(0) = x.transpose();
     camera_from_dental.rotation.row(1) = z.cross(x).transpose();
@@ -107,16 +111,35 @@ inline StereoBench stereo_bench(const TriangleMesh& face, double distance_mm, do
   return bench;
 }
 
+/// Each pixel gathers four of a camera with half the pixel pitch, as a sensor's area does; noise as the
+/// renderer's.
 inline Image8 photograph(const TriangleMesh& painted, const CameraModel& camera,
-                         const Rigid3& camera_from_dental, std::uint64_t seed) {
+                         const Rigid3& camera_from_dental, std::uint64_t seed, double noise_sigma = 2) {
+  CameraModel fine = camera;
+  fine.width_px *= 2;
+  fine.height_px *= 2;
+  fine.fx_px *= 2;
+  fine.fy_px *= 2;
+  fine.cx_px = 2 * camera.cx_px + 0.5;
+  fine.cy_px = 2 * camera.cy_px + 0.5;
   RenderOptions options;
   options.seed = seed;
   options.clutter = false;
+  options.blur_sigma_px *= 2;
+  options.noise_sigma = 2 * noise_sigma;
   SceneBody body;
   body.surface = painted;
-  auto renderer = CameraRenderer::create(camera, {body}, options);
+  auto renderer = CameraRenderer::create(fine, {body}, options);
   if (!renderer) return {};
-  return renderer->render({BodyExposure{camera_from_dental, {}}}, 0);
+  const Image8 large = renderer->render({BodyExposure{camera_from_dental, {}}}, 0);
+  Image8 image(camera.width_px, camera.height_px);
+  for (int y = 0; y < image.height_px; ++y)
+    for (int x = 0; x < image.width_px; ++x) {
+      const int sum = large.at(2 * x, 2 * y) + large.at(2 * x + 1, 2 * y) + large.at(2 * x, 2 * y + 1) +
+                      large.at(2 * x + 1, 2 * y + 1);
+      image.at(x, y) = static_cast<std::uint8_t>((sum + 2) / 4);
+    }
+  return image;
 }
 
 }  // namespace gnathion
