@@ -150,6 +150,9 @@ Status AravisCamera::find(const AravisSettings& s, const std::string& where) {
   if (!camera || error)
     return bad_input(kWhat, where,
                      fmt::format("{}: {}", name, error ? error.text() : "there is no such camera"));
+  if (arv_camera_is_gv_device(camera) &&
+      !arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera))))
+    return bad_input(kWhat, where, fmt::format("{} is under the control of another program or device", name));
   vendor = text_or_empty(arv_camera_get_vendor_name(camera, error.out()));
   model = text_or_empty(arv_camera_get_model_name(camera, error.out()));
   serial = text_or_empty(arv_camera_get_device_serial_number(camera, error.out()));

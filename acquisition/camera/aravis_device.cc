@@ -113,10 +113,11 @@ class AravisDevice : public Device {
   std::string why_lost(int silent_ms) {
     if (camera_->control_lost()) return "control of the camera was lost";
     const bool triggered = camera_->rate_hz <= 0;
-    const int patience_ms = triggered ? 2000 : std::max(2000, static_cast<int>(5000 / camera_->rate_hz));
+    // Ten periods at least: what restarts the camera must not come of one late frame.
+    const int patience_ms = triggered ? 2000 : std::max(1000, static_cast<int>(10000 / camera_->rate_hz));
     if (silent_ms < patience_ms || silent_ms % patience_ms >= kPopMs) return "";
-    if (!camera_->answers()) return "the camera does not answer";
     if (!triggered) return fmt::format("no frames for {:.1f} s", silent_ms * 1e-3);
+    if (!camera_->answers()) return "the camera does not answer";
     feed_.set_message(fmt::format("waits for a trigger on {}", s_.trigger));
     return "";
   }
@@ -125,8 +126,8 @@ class AravisDevice : public Device {
     SampleHeader header;
     header.stream = stream_;
     header.arrival = arrival;
+    const FrameCounter::Place place = place_of(&buffer);
     set_capture(buffer, &header);
-    const FrameCounter::Place place = counter_.take(buffer.frame_id);
     header.sequence = place.sequence;
     if (place.missing > 0) {
       SampleHeader gap = header;
@@ -137,6 +138,16 @@ class AravisDevice : public Device {
     if (!buffer.bad.empty())
       return feed_.account({std::move(header), LedgerSample::Fate::kRejected, 1, buffer.bad});
     feed_.deliver({std::move(header), std::move(buffer.image)});
+  }
+
+  /// A frame whose leader packet was lost comes in a buffer that still carries the number and the time of the
+  /// frame before that (Aravis 0.8.26), or 0.
+  FrameCounter::Place place_of(AravisCamera::Buffer* buffer) {
+    if (buffer->bad.empty()) return counter_.take(buffer->frame_id);
+    if (buffer->frame_id > 0)
+      if (const FrameCounter::Place place = counter_.take(buffer->frame_id); !place.repeated) return place;
+    buffer->device.reset();
+    return counter_.take_unnumbered();
   }
 
   /// A number that is accounted for already is not a sensor frame more; it is told, without moving the

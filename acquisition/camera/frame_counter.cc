@@ -13,15 +13,22 @@ FrameCounter::Place FrameCounter::take(std::uint64_t device_counter) {
     last_device_ = device_counter;
     return {next_++, 0, false};
   }
-  std::uint64_t last = *last_device_;
-  const bool wrapped =
-      last <= kWrap && device_counter <= kWrap && device_counter < last && last - device_counter > kWrap / 2;
-  const std::uint64_t unwrapped = wrapped ? device_counter + kWrap : device_counter;
+  const std::uint64_t last = *last_device_;
+  std::uint64_t unwrapped = device_counter;
+  if (last <= kWrap && device_counter <= kWrap) {
+    if (device_counter + kWrap / 2 < last) unwrapped += kWrap;
+    if (device_counter > last + kWrap / 2) return {next_, 0, true};  // from before the wrap
+  }
   if (unwrapped <= last) return {next_, 0, true};
   const auto missing = static_cast<std::uint32_t>(unwrapped - last - 1);
   last_device_ = device_counter;
   next_ += missing;
   return {next_++, missing, false};
+}
+
+FrameCounter::Place FrameCounter::take_unnumbered() {
+  if (last_device_) last_device_ = *last_device_ == kWrap ? 1 : *last_device_ + 1;
+  return {next_++, 0, false};
 }
 
 FrameCounter::Place FrameCounter::take_next(std::uint32_t skipped) {

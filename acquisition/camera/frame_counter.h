@@ -17,6 +17,8 @@ class FrameCounter {
   };
   /// `device_counter` as the camera gave it.
   Place take(std::uint64_t device_counter);
+  /// A frame whose number did not arrive: taken as the one after the last.
+  Place take_unnumbered();
   /// For cameras without a counter: `skipped` frames are known to be missing before this one.
   Place take_next(std::uint32_t skipped);
   /// The camera counts anew from here.

@@ -55,6 +55,18 @@ TEST(FrameCounter, GoesOnAfterTheCameraStartedAgain) {
   EXPECT_EQ(place.missing, 0u);
 }
 
+TEST(FrameCounter, AFrameWithoutNumberTakesThePlaceOfTheNext) {
+  FrameCounter counter;
+  EXPECT_EQ(counter.take_unnumbered().sequence, 0u);
+  EXPECT_EQ(counter.take(65534).sequence, 1u);
+  EXPECT_EQ(counter.take_unnumbered().sequence, 2u);  // 65535
+  EXPECT_EQ(counter.take_unnumbered().sequence, 3u);  // 1
+  const auto place = counter.take(4);
+  EXPECT_EQ(place.missing, 2u);
+  EXPECT_EQ(place.sequence, 6u);
+  EXPECT_TRUE(counter.take(65520).repeated);  // from before the wrap, not 65515 frames ahead
+}
+
 TEST(FrameCounter, CountsForCamerasThatDoNot) {
   FrameCounter counter;
   EXPECT_EQ(counter.take_next(0).sequence, 0u);
