@@ -49,7 +49,7 @@ Result<EvaluationFigure> distance_map(const ProcedureResult& p, const SplintEval
   const TriangleMesh mesh = coloured(p.field, range_mm);
   SceneMesh item;
   item.mesh = &mesh;
-  item.use_vertex_colors = true;
+  item.use_vertex_colors = item.flat_light = true;
   PictureOptions options;
   options.width_px = 560;
   options.height_px = 480;
@@ -57,7 +57,8 @@ Result<EvaluationFigure> distance_map(const ProcedureResult& p, const SplintEval
   std::vector<DistanceMapView> views;
   for (const Vector3& towards : looks(p.procedure, s.arch)) {
     GNATHION_TRY(RenderedView view, render_view({item}, {}, {towards, s.arch.anterior, 1.0}, options));
-    views.push_back({std::move(view.png), view.width_px, view.height_px, view.px_per_mm});
+    views.push_back(
+        {std::move(view.png), std::move(view.jpeg), view.width_px, view.height_px, view.px_per_mm});
   }
   const DistanceField& f = p.field;
   std::vector<std::string> facts = {"All points: " + statistics_text(f.all) + ".",

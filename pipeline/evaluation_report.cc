@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "core/file.h"
 #include "core/time.h"
 #include "pipeline/evaluation_document.h"
@@ -61,6 +63,9 @@ Result<ReportSizes> write_evaluation_report(const EvaluationReport& report, cons
   progress.begin_step("packing the 3D view", 0.25);
   HtmlViewOptions view;
   view.range_mm = map_range_mm(report.splints);
+  // Each splint brings three or four scans and a design; together they stay near 4 MB.
+  view.triangles =
+      std::clamp<std::size_t>(80000 / std::max<std::size_t>(1, report.splints.size()), 4000, 24000);
   const std::string view_html = report.splints.empty() ? "" : html_view(report.splints, view);
 
   progress.begin_step("setting the report", 0.15);

@@ -55,9 +55,9 @@
   // ---- drawing ----------------------------------------------------------------------------------------------
 
   const vertexShader = `
-    attribute vec3 position; attribute vec3 normal; attribute float value;
+    attribute vec3 position; attribute vec3 normal; attribute vec2 value;
     uniform mat4 eyeFromScene; uniform mat4 sceneFromMesh; uniform vec3 clipScale;
-    varying vec3 eyeNormal; varying float shown;
+    varying vec3 eyeNormal; varying vec2 shown;
     void main() {
       vec4 eye = eyeFromScene * (sceneFromMesh * vec4(position, 1.0));
       eyeNormal = (eyeFromScene * (sceneFromMesh * vec4(normal, 0.0))).xyz;
@@ -66,7 +66,7 @@
     }`;
   const fragmentShader = `
     precision mediump float;
-    varying vec3 eyeNormal; varying float shown;
+    varying vec3 eyeNormal; varying vec2 shown;
     uniform vec4 color; uniform float rangeMicrometres; uniform bool coloured; uniform sampler2D colourMap;
     uniform vec3 notMeasured;
     void main() {
@@ -75,8 +75,8 @@
                   + 0.22 * max(dot(n, normalize(vec3(0.7, -0.2, 0.6))), 0.0);
       vec3 base = color.rgb;
       if (coloured) {
-        float u = clamp(0.5 + 0.5 * shown / rangeMicrometres, 0.002, 0.998);
-        base = shown < -30000.0 ? notMeasured : texture2D(colourMap, vec2(u, 0.5)).rgb;
+        float u = clamp(0.5 + 0.5 * shown.x / rangeMicrometres, 0.002, 0.998);
+        base = shown.y < 0.99 ? notMeasured : texture2D(colourMap, vec2(u, 0.5)).rgb;
       }
       gl_FragColor = vec4(min(base * light, 1.0), color.a);
     }`;
@@ -140,7 +140,13 @@
     const gpu = upload(mesh);
     if (!gpu.fields[field.procedure]) {
       field.cpu = new Int16Array(bytesOf(field.values_um));
-      gpu.fields[field.procedure] = bufferOf(gl.ARRAY_BUFFER, Float32Array.from(field.cpu));
+      // Distance and whether it is known: between a known and an unknown vertex nothing is shown.
+      const pairs = new Float32Array(2 * field.cpu.length);
+      field.cpu.forEach((um, i) => {
+        pairs[2 * i + 1] = um === NOT_MEASURED ? 0 : 1;
+        pairs[2 * i] = um === NOT_MEASURED ? 0 : um;
+      });
+      gpu.fields[field.procedure] = bufferOf(gl.ARRAY_BUFFER, pairs);
     }
     return gpu.fields[field.procedure];
   }
@@ -175,21 +181,27 @@
     return field ? field.pose : mesh.pose || identity;
   }
 
+  // The shown surfaces just fill the canvas as it is turned now.
   function fit() {
-    let low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
-    for (const [mesh, field] of shownLayers().length ? shownLayers() : data.meshes.map((m) => [m, null])) {
-      const pose = poseOf(mesh, field);
-      for (let corner = 0; corner < 8; ++corner) {
-        const p = [0, 1, 2].map((k) => mesh.low_mm[k] + (corner >> k & 1 ? mesh.size_mm[k] : 0));
+    const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+    for (const [mesh, field] of shownLayers()) {
+      upload(mesh);
+      const pose = poseOf(mesh, field), p = mesh.cpu.positions;
+      for (let i = 0; i < p.length; i += 9) {  // every third vertex will do
+        const s = [0, 1, 2].map((r) => pose[4 * r] * p[i] + pose[4 * r + 1] * p[i + 1] +
+                                       pose[4 * r + 2] * p[i + 2] + pose[4 * r + 3]);
         for (let r = 0; r < 3; ++r) {
-          const x = pose[4 * r] * p[0] + pose[4 * r + 1] * p[1] + pose[4 * r + 2] * p[2] + pose[4 * r + 3];
+          const x = state.turn[r][0] * s[0] + state.turn[r][1] * s[1] + state.turn[r][2] * s[2];
           low[r] = Math.min(low[r], x);
           high[r] = Math.max(high[r], x);
         }
       }
     }
-    state.centre = [0, 1, 2].map((k) => (low[k] + high[k]) / 2);
-    state.half = 0.55 * Math.max(1, Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2])) / 1.15;
+    if (low[0] > high[0]) return;
+    const middle = [0, 1, 2].map((r) => (low[r] + high[r]) / 2), aspect = canvas.clientWidth / canvas.clientHeight;
+    state.centre = [0, 1, 2].map((k) => state.turn.reduce((sum, axis, r) => sum + axis[k] * middle[r], 0));
+    const across = (high[0] - low[0]) / 2, up = (high[1] - low[1]) / 2;
+    state.half = 1.12 * Math.max(0.5, aspect > 1 ? Math.max(up, across / aspect) : Math.max(across, up * aspect));
   }
 
   function eyeMatrix() {
@@ -219,10 +231,10 @@
     feed(gpu.positions, at.position, 3);
     feed(gpu.normals, at.normal, 3);
     if (field) {
-      feed(fieldBuffer(mesh, field), at.value, 1);
+      feed(fieldBuffer(mesh, field), at.value, 2);
     } else {
       gl.disableVertexAttribArray(at.value);
-      gl.vertexAttrib1f(at.value, 0);
+      gl.vertexAttrib2f(at.value, 0, 1);
     }
     gl.uniform1i(set.coloured, field ? 1 : 0);
     gl.uniformMatrix4fv(set.sceneFromMesh, false, columns(poseOf(mesh, field)));
@@ -460,7 +472,7 @@
     const button = document.createElement('button');
     button.type = 'button';
     button.textContent = name;
-    button.addEventListener('click', () => { fit(); look(name); });
+    button.addEventListener('click', () => { look(name); fit(); });
     byId('view-buttons').appendChild(button);
   }
   let map = 'linear-gradient(to right';

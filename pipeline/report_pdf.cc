@@ -9,7 +9,7 @@ namespace gnathion {
 namespace {
 
 constexpr double kWidth = 595, kHeight = 842, kLeft = 42, kRight = 42, kTop = 44, kBottom = 52;
-constexpr double kText = 8.5, kLine = 11.5;
+constexpr double kText = 8.5, kLine = 11.5, kBetween = 14;
 constexpr Color kRule = {0.80, 0.83, 0.87}, kMutedText = {0.36, 0.40, 0.46};
 
 TextStyle style(double size_pt, bool bold = false, Anchor anchor = Anchor::kStart) {
@@ -82,7 +82,11 @@ class Setter {
     y_ += 7;
   }
   void operator()(const ReportFigure& f) {
-    const double scale = std::min(1.0, room() / f.drawing->width_pt());
+    // What is a little wider than half a line is set two to a line.
+    const double half = (room() - kBetween) / 2;
+    double scale = std::min(1.0, room() / f.drawing->width_pt());
+    if (f.drawing->width_pt() > half && f.drawing->width_pt() < 1.35 * half)
+      scale = half / f.drawing->width_pt();
     const double width = f.drawing->width_pt() * scale, height = f.drawing->height_pt() * scale;
     const std::vector<std::string> caption = text_wrapped(f.caption, std::max(width, 180.0), 7.5);
     const double full = height + 9.5 * static_cast<double>(caption.size()) + 8;
@@ -96,7 +100,7 @@ class Setter {
     s.color = kMutedText;
     for (std::size_t i = 0; i < caption.size(); ++i)
       page().text({x_, y_ + height + 13 + 9.5 * static_cast<double>(i)}, caption[i], s);
-    x_ += std::max(width, 180.0) + 14;
+    x_ += std::max(width, 180.0) + kBetween;
     row_ = std::max(row_, full + 8);
   }
   void operator()(const ReportHtml& h) {
@@ -156,6 +160,14 @@ class Setter {
         if (c < row.size()) widths[c] = std::max(widths[c], text_width_pt(row[c], kCell, true));
       widths[c] += kPad;
     }
+    // Where there is room, headings stand on one line.
+    std::vector<double> full = widths;
+    double whole = 0;
+    for (std::size_t c = 0; c < widths.size(); ++c) {
+      full[c] = std::max(full[c], text_width_pt(t.columns[c], kCell, true) + kPad);
+      whole += full[c];
+    }
+    if (whole <= room()) return full;
     double numbers = 0, text = 0;
     for (std::size_t c = 0; c < widths.size(); ++c) (c < t.text_columns ? text : numbers) += widths[c];
     const double rest = std::max(60.0, room() - numbers);

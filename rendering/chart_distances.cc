@@ -126,17 +126,17 @@ void draw_color_bar(Drawing& to, const Point2& corner, double height, double ran
   to.text(corner + Point2(kWidth + 5, height + 15.5), "not measured", style);
 }
 
-/// Ten millimetres, or one, or a hundred: what is about a fifth of the view.
-void draw_scale_bar(Drawing& to, const Point2& right_end, double pt_per_mm, double view_width_pt) {
-  double length_mm = 1;
-  while (length_mm * 10 * pt_per_mm < 0.45 * view_width_pt) length_mm *= 10;
+/// One, ten or a hundred millimetres: what fits under the colour bar. All views are drawn to one scale.
+void draw_scale_bar(Drawing& to, const Point2& left, double pt_per_mm) {
+  double length_mm = 0.1;
+  while (length_mm * 10 * pt_per_mm < 60) length_mm *= 10;
   const double width = length_mm * pt_per_mm;
-  const Point2 left = right_end - Point2(width, 0);
+  const Point2 right_end = left + Point2(width, 0);
   to.path({left - Point2(0, 3), left, right_end, right_end - Point2(0, 3)}, false, stroked(kInk, 1.2));
   TextStyle style;
   style.size_pt = 7.5;
   style.anchor = Anchor::kMiddle;
-  to.text({(left.x() + right_end.x()) / 2, right_end.y() - 4.5}, fmt::format("{:.0f} mm", length_mm), style);
+  to.text({(left.x() + right_end.x()) / 2, right_end.y() - 4.5}, fmt::format("{:g} mm", length_mm), style);
 }
 
 }  // namespace
@@ -160,11 +160,13 @@ Drawing distance_map_figure(const std::vector<DistanceMapView>& views, double ra
   double x = 0;
   for (const DistanceMapView& v : views) {
     const double w = kHeight * v.width_px / v.height_px;
-    d.image({x, kTop}, {w, kHeight}, v.png);
-    draw_scale_bar(d, {x + w - 8, kTop + kHeight - 6}, v.px_per_mm * kHeight / v.height_px, w);
+    d.image({x, kTop}, {w, kHeight}, v.png, v.jpeg);
     x += w + 4;
   }
-  draw_color_bar(d, {x + 8, kTop + 10}, kHeight - 44, range_mm, has_not_measured);
+  draw_color_bar(d, {x + 8, kTop + 10}, kHeight - 66, range_mm, has_not_measured);
+  if (!views.empty())
+    draw_scale_bar(d, {x + 8, kTop + kHeight - 4},
+                   views.front().px_per_mm * kHeight / views.front().height_px);
   for (std::size_t i = 0; i < lines.size(); ++i)
     d.text({0, kTop + kHeight + 12 + 11.5 * static_cast<double>(i)}, lines[i], fact);
   return d;

@@ -79,7 +79,7 @@ Drawing profile_chart(const std::vector<ProfileCurve>& curves, const Point2& cen
 /// A rendered view with a colour bar from −range to +range, scale bar and statistics, all but the view itself
 /// as vectors. `px_per_mm` of the view; `facts` are printed one a line under it.
 struct DistanceMapView {
-  std::string png;
+  std::string png, jpeg;
   int width_px = 0, height_px = 0;
   double px_per_mm = 0;
 };

@@ -39,6 +39,7 @@ TriangleMesh clustered(const TriangleMesh& mesh, double cell_mm) {
   };
   filter->SetNumberOfDivisions(divisions(size.x()), divisions(size.y()), divisions(size.z()));
   filter->CopyCellDataOff();
+  filter->UseFeatureEdgesOn();  // rims stay smooth
   filter->SetInputData(to_vtk(mesh, Rigid3{}));
   filter->Update();
   return from_vtk(*filter->GetOutput());

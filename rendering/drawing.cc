@@ -74,8 +74,9 @@ class SvgBody {
   void operator()(const Drawing::Image& i) {
     svg += fmt::format(
         "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" "
-        "href=\"data:image/png;base64,{}\"/>\n",
-        number(i.corner.x()), number(i.corner.y()), number(i.size.x()), number(i.size.y()), base64(i.png));
+        "href=\"data:image/{};base64,{}\"/>\n",
+        number(i.corner.x()), number(i.corner.y()), number(i.size.x()), number(i.size.y()),
+        i.jpeg.empty() ? "png" : "jpeg", base64(i.jpeg.empty() ? i.png : i.jpeg));
   }
   void operator()(const Drawing::Placed& p) {
     svg += fmt::format("<g transform=\"translate({} {}) scale({:.5g})\">\n", number(p.corner.x()),
@@ -117,8 +118,8 @@ void Drawing::circle(const Point2& centre, double radius_pt, const Paint& paint)
 void Drawing::text(const Point2& at, std::string text, const TextStyle& style) {
   if (!text.empty()) items_.emplace_back(std::in_place_type<Text>, Text{at, std::move(text), style});
 }
-void Drawing::image(const Point2& corner, const Point2& size, std::string png) {
-  items_.emplace_back(std::in_place_type<Image>, Image{corner, size, std::move(png)});
+void Drawing::image(const Point2& corner, const Point2& size, std::string png, std::string jpeg) {
+  items_.emplace_back(std::in_place_type<Image>, Image{corner, size, std::move(png), std::move(jpeg)});
 }
 void Drawing::place(std::shared_ptr<const Drawing> child, const Point2& corner, double scale) {
   items_.emplace_back(std::in_place_type<Placed>, Placed{std::move(child), corner, scale});

@@ -53,8 +53,9 @@ class Drawing {
   void circle(const Point2& centre, double radius_pt, const Paint& paint);
   /// `at` is on the base line.
   void text(const Point2& at, std::string text, const TextStyle& style);
-  /// PNG bytes, stretched into the rectangle.
-  void image(const Point2& corner, const Point2& size, std::string png);
+  /// PNG bytes, stretched into the rectangle. With `jpeg` of the same picture, SVG and PDF carry that
+  /// instead.
+  void image(const Point2& corner, const Point2& size, std::string png, std::string jpeg = {});
   /// Another drawing, its top left corner at `corner`, scaled.
   void place(std::shared_ptr<const Drawing> child, const Point2& corner, double scale = 1.0);
 
@@ -75,7 +76,7 @@ class Drawing {
   };
   struct Image {
     Point2 corner, size;
-    std::string png;
+    std::string png, jpeg;
   };
   struct Placed {
     std::shared_ptr<const Drawing> drawing;

@@ -80,6 +80,14 @@ class Painter {
     Bytes bytes{&i.png};
     const Surface image(cairo_image_surface_create_from_png_stream(take, &bytes));
     if (cairo_surface_status(image.get()) != CAIRO_STATUS_SUCCESS) return;
+    if (!i.jpeg.empty()) {  // PDF takes the bytes as they are; other surfaces ignore them
+      auto* copy = new std::string(i.jpeg);
+      const auto drop = [](void* held) { delete static_cast<std::string*>(held); };
+      if (cairo_surface_set_mime_data(image.get(), CAIRO_MIME_TYPE_JPEG,
+                                      reinterpret_cast<const unsigned char*>(copy->data()), copy->size(),
+                                      drop, copy) != CAIRO_STATUS_SUCCESS)
+        delete copy;
+    }
     cairo_save(cr_);
     cairo_translate(cr_, i.corner.x(), i.corner.y());
     cairo_scale(cr_, i.size.x() / cairo_image_surface_get_width(image.get()),

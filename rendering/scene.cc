@@ -34,9 +34,9 @@ void add_mesh(vtkRenderer& renderer, const SceneMesh& item) {
   vtkProperty* look = actor->GetProperty();
   look->SetColor(item.color[0], item.color[1], item.color[2]);
   look->SetOpacity(item.opacity);
-  look->SetAmbient(0.18);
-  look->SetDiffuse(0.9);
-  look->SetSpecular(0.2);
+  look->SetAmbient(item.flat_light ? 0.5 : 0.18);
+  look->SetDiffuse(item.flat_light ? 0.52 : 0.9);
+  look->SetSpecular(item.flat_light ? 0 : 0.2);
   look->SetSpecularPower(25);
   look->SetInterpolationToPhong();
   renderer.AddActor(actor);
@@ -147,6 +147,7 @@ Result<RenderedView> render_view(const std::vector<SceneMesh>& meshes, const std
   if (options.scale_bar) add_scale_bar(*renderer, options);
   RenderedView out;
   GNATHION_TRY(out.png, window_png(*window));
+  GNATHION_TRY(out.jpeg, window_jpeg(*window));
   out.width_px = options.width_px;
   out.height_px = options.height_px;
   out.px_per_mm = options.height_px / (2.0 * renderer->GetActiveCamera()->GetParallelScale());

@@ -32,6 +32,7 @@ struct SceneMesh {
   double opacity = 1.0;
   Rigid3 pose;  ///< scene_from_mesh
   bool use_vertex_colors = false;
+  bool flat_light = false;  ///< weak shading, no gloss: colours can be read against a colour bar
 };
 
 struct SceneLine {
@@ -55,7 +56,7 @@ struct PictureOptions {
 
 /// A picture with its scale.
 struct RenderedView {
-  std::string png;
+  std::string png, jpeg;  ///< the same picture; JPEG is a third of the size and not exact
   int width_px = 0, height_px = 0;
   double px_per_mm = 0;
 };

@@ -4,6 +4,7 @@
 #include <EGL/eglext.h>
 #include <vtkAutoInit.h>
 #include <vtkGenericOpenGLRenderWindow.h>
+#include <vtkJPEGWriter.h>
 #include <vtkLogger.h>
 #include <vtkNew.h>
 #include <vtkObject.h>
@@ -63,21 +64,38 @@ Result<vtkSmartPointer<vtkRenderWindow>> offscreen_window(int width_px, int heig
   return vtkSmartPointer<vtkRenderWindow>(window);
 }
 
-Result<std::string> window_png(vtkRenderWindow& window) {
-  window.Render();
+namespace {
+
+/// What the window shows, through one of VTK's writers.
+template <class Writer>
+Result<std::string> written(vtkRenderWindow& window, Writer& writer) {
   vtkNew<vtkWindowToImageFilter> grab;
   grab->SetInput(&window);
   grab->SetInputBufferTypeToRGB();
   grab->ReadFrontBufferOff();
-  vtkNew<vtkPNGWriter> writer;
-  writer->SetInputConnection(grab->GetOutputPort());
-  writer->WriteToMemoryOn();
-  writer->Write();
-  vtkUnsignedCharArray* bytes = writer->GetResult();
+  grab->ShouldRerenderOff();
+  writer.SetInputConnection(grab->GetOutputPort());
+  writer.WriteToMemoryOn();
+  writer.Write();
+  vtkUnsignedCharArray* bytes = writer.GetResult();
   if (!bytes || bytes->GetNumberOfValues() == 0)
-    return fail(ErrorCode::kInternal, "cannot draw", "PNG", "no picture came out of the renderer");
+    return fail(ErrorCode::kInternal, "cannot draw", "picture", "nothing came out of the renderer");
   return std::string(reinterpret_cast<const char*>(bytes->GetPointer(0)),
                      static_cast<std::size_t>(bytes->GetNumberOfValues()));
+}
+
+}  // namespace
+
+Result<std::string> window_png(vtkRenderWindow& window) {
+  window.Render();
+  vtkNew<vtkPNGWriter> writer;
+  return written(window, *writer);
+}
+
+Result<std::string> window_jpeg(vtkRenderWindow& window) {
+  vtkNew<vtkJPEGWriter> writer;
+  writer->SetQuality(88);
+  return written(window, *writer);
 }
 
 Status save_window(vtkRenderWindow& window, const std::filesystem::path& png) {

@@ -17,6 +17,8 @@ namespace gnathion {
 Result<vtkSmartPointer<vtkRenderWindow>> offscreen_window(int width_px, int height_px);
 /// Renders; the picture as PNG bytes.
 Result<std::string> window_png(vtkRenderWindow& window);
+/// The picture that window_png rendered, as JPEG bytes.
+Result<std::string> window_jpeg(vtkRenderWindow& window);
 /// Renders and writes the window's picture, whole or not at all.
 Status save_window(vtkRenderWindow& window, const std::filesystem::path& png);
 
