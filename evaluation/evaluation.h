@@ -69,6 +69,7 @@ struct EvaluationOptions {
   double noise_mm = 0.05;      ///< of the scans, 1σ: floor of the fits' scale
   std::size_t points = 12000;  ///< of each fit
   std::uint64_t seed = 1;
+  bool integrity = true;       ///< check the splint as a body too
   bool refuse_foreign = true;  ///< a scan that fits another design better is refused, else warned of
 };
 
@@ -141,7 +142,7 @@ struct SplintEvaluation {
   Integrity integrity;
   std::vector<std::string> warnings;
 
-  const ProcedureResult* find(Procedure procedure) const;
+  const ProcedureResult* find(Procedure procedure) const;  ///< null where it was not run
 };
 
 /// Runs the procedures that the scans allow. `others` are further designs, asked when the fit is doubtful.
