@@ -78,6 +78,8 @@
         float u = clamp(0.5 + 0.5 * shown.x / rangeMicrometres, 0.002, 0.998);
         base = shown.y < 0.99 ? notMeasured : texture2D(colourMap, vec2(u, 0.5)).rgb;
       }
+      // Colours that are read against the legend keep most of themselves.
+      if (coloured) light = 0.55 + 0.45 * light;
       gl_FragColor = vec4(min(base * light, 1.0), color.a);
     }`;
 

@@ -62,9 +62,13 @@ class Setter {
   void operator()(const ReportTable& t) {
     end_row();
     const std::vector<double> widths = column_widths(t);
-    if (!t.caption.empty())
-      for (const std::string& line : text_wrapped(t.caption, room(), 8)) {
-        need(kLine + 2 * kLine);
+    // Caption and heading stay with the first row.
+    const std::vector<std::string> caption =
+        t.caption.empty() ? std::vector<std::string>{} : text_wrapped(t.caption, room(), 8);
+    need(kLine * static_cast<double>(caption.size()) + row_height(t, t.columns, widths, true) +
+         (t.rows.empty() ? 0 : row_height(t, t.rows.front(), widths, false)));
+    if (!caption.empty())
+      for (const std::string& line : caption) {
         y_ += kLine;
         TextStyle s = style(8);
         s.color = kMutedText;

@@ -44,6 +44,21 @@ struct ErrorBarPanel {
 Drawing error_bar_chart(const std::vector<ErrorBarPanel>& panels, const std::string& x_label,
                         const std::string& title);
 
+/// A figure with the range that most of its draws fall into.
+struct IntervalBar {
+  std::string label;
+  double mean = 0, low = 0, high = 0;
+};
+struct IntervalPanel {
+  std::string title, x_label;
+  std::vector<IntervalBar> bars;
+  bool from_zero = false;  ///< the figure cannot be negative
+};
+/// Panels in two columns, each with its own scale. `key` says what marker and bar are, and the number of
+/// draws.
+Drawing interval_chart(const std::vector<IntervalPanel>& panels, const std::string& title,
+                       const std::string& key);
+
 struct RadarSeries {
   std::string name;
   std::vector<double> values;  ///< one for each axis
