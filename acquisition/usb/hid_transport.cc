@@ -152,6 +152,8 @@ std::vector<HidFinder::Interface> HidFinder::interfaces() const {
     }
     hid_free_enumeration(list);
   }
+  std::sort(found.begin(), found.end(),
+            [](const Interface& a, const Interface& b) { return a.identity.port < b.identity.port; });
   return found;
 }
 

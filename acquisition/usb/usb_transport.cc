@@ -327,6 +327,8 @@ Result<std::unique_ptr<Transport>> UsbFinder::open() {
     else
       candidates.push_back(candidate(list[i], descriptor, *product));
   }
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) { return a.identity.port < b.identity.port; });
   auto result = [&]() -> Result<std::unique_ptr<Transport>> {
     if (candidates.empty() && !raw.empty())
       return bad_input(failed(), where_,
