@@ -7,6 +7,7 @@
 #include "acquisition/camera/aravis_device.h"
 #include "acquisition/camera/capture_device.h"
 #include "acquisition/igtl/igtl_device.h"
+#include "acquisition/replay_device.h"
 #include "acquisition/scanner/scan_devices.h"
 #include "acquisition/usb/pedal_device.h"
 #include "acquisition/usb/polhemus_device.h"
@@ -24,7 +25,9 @@ const std::map<std::string, Opener>& openers() {
       {"openigtlink", open_igtl_device},
       {"pedal", open_pedal},
       {"polhemus", open_polhemus},
+      {"replay", open_replay_device},
       {"scan_folder", open_scan_folder},
+      {"stereo_scanner", open_stereo_scanner},
   };
   return table;
 }

@@ -75,7 +75,7 @@ TEST(BoundedQueue, WaitingForAnItemEnds) {
   EXPECT_TRUE(queue.drained());
 }
 
-TEST(BoundedQueue, AnExpensiveItemIsNotStarvedByCheapOnes) {
+TEST(BoundedQueue, ItemsOfDifferentCostAllGetIn) {
   BoundedQueue<int> queue(10);
   int one = 1;
   ASSERT_TRUE(queue.try_push(one, 10));
