@@ -1,4 +1,4 @@
-// recording info|verify|recover, track.
+// recording info|verify|recover|capture, track.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -6,6 +6,7 @@
 
 #include "acquisition/pose_recording.h"
 #include "acquisition/recording.h"
+#include "cli/capture_command.h"
 #include "cli/command.h"
 #include "core/file.h"
 #include "pipeline/motion_steps.h"
@@ -22,7 +23,18 @@ json summary_json(const RecordingSummary& s) {
         {"kind", x.kind},         {"received", x.received},   {"missing", x.missing},
         {"rejected", x.rejected}, {"first_s", x.first_s},     {"last_s", x.last_s},
         {"rate_hz", x.rate_hz},   {"jitter_ms", x.jitter_ms}, {"longest_gap_s", x.longest_gap_s}};
-  json j = {{"whole", s.whole}, {"bytes", s.bytes}, {"duration_s", s.duration_s}, {"streams", streams}};
+  json attachments = json::array();
+  for (const AttachmentInfo& a : s.attachments)
+    attachments.push_back({{"name", a.name}, {"media_type", a.media_type}, {"bytes", a.bytes}});
+  json j = {{"whole", s.whole},
+            {"bytes", s.bytes},
+            {"duration_s", s.duration_s},
+            {"messages", s.messages},
+            {"chunks", s.chunks},
+            {"longest_chunk_s", s.longest_chunk_s},
+            {"largest_chunk_bytes", s.largest_chunk_bytes},
+            {"attachments", attachments},
+            {"streams", streams}};
   if (!s.whole) j["damage"] = {{"begin", s.damage_begin}, {"end", s.damage_end}, {"why", s.damage}};
   return j;
 }
@@ -30,15 +42,17 @@ json summary_json(const RecordingSummary& s) {
 std::string summary_text(const RecordingSummary& s) {
   std::string text = fmt::format("{:.2f} s, {:.1f} MiB, {}\n", s.duration_s,
                                  static_cast<double>(s.bytes) / 1048576.0, s.whole ? "whole" : "damaged");
-  text += fmt::format("{:<14} {:<8} {:>9} {:>8} {:>9} {:>9} {:>10} {:>12}\n", "stream", "kind", "received",
+  text += fmt::format("{:<18} {:<9} {:>9} {:>8} {:>9} {:>9} {:>10} {:>13}\n", "stream", "kind", "received",
                       "missing", "rejected", "rate_hz", "jitter_ms", "longest_gap_s");
   for (const auto& [name, x] : s.streams) {
     std::uint64_t rejected = 0;
     for (const auto& [reason, n] : x.rejected) rejected += n;
-    text += fmt::format("{:<14} {:<8} {:>9} {:>8} {:>9} {:>9.2f} {:>10.3f} {:>12.3f}\n", name, x.kind,
+    text += fmt::format("{:<18} {:<9} {:>9} {:>8} {:>9} {:>9.2f} {:>10.3f} {:>13.3f}\n", name, x.kind,
                         x.received, x.missing, rejected, x.rate_hz, x.jitter_ms, x.longest_gap_s);
     for (const auto& [reason, n] : x.rejected) text += fmt::format("    rejected: {} × {}\n", n, reason);
   }
+  for (const AttachmentInfo& a : s.attachments)
+    text += fmt::format("attached: {} ({} bytes)\n", a.name, a.bytes);
   if (!s.whole)
     text += fmt::format("damaged from byte {} to {}: {}\n", s.damage_begin, s.damage_end, s.damage);
   return text;
@@ -144,10 +158,11 @@ void add_track(CLI::App& app, ChosenCommand& chosen) {
 }  // namespace
 
 void add_recording_commands(CLI::App& app, ChosenCommand& chosen) {
-  CLI::App* recording = app.add_subcommand("recording", "look into recordings");
+  CLI::App* recording = app.add_subcommand("recording", "make recordings and look into them");
   recording->require_subcommand(1);
   add_info(*recording, chosen);
   add_recover(*recording, chosen);
+  add_capture(*recording, chosen);
   add_track(app, chosen);
 }
 

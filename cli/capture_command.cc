@@ -1,0 +1,214 @@
+#include "cli/capture_command.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "acquisition/session.h"
+#include "core/file.h"
+#include "pipeline/version.h"
+
+namespace gnathion {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+std::atomic<bool> asked_to_end{false};
+
+/// SIGINT and SIGTERM end the recording properly; a limit on the file's size is told by write(), not by a
+/// signal.
+class EndSignals {
+ public:
+  EndSignals() {
+    struct sigaction action {};
+    action.sa_handler = [](int) { asked_to_end = true; };
+    ::sigaction(SIGINT, &action, &old_int_);
+    ::sigaction(SIGTERM, &action, &old_term_);
+    struct sigaction ignore {};
+    ignore.sa_handler = SIG_IGN;
+    ::sigaction(SIGXFSZ, &ignore, &old_xfsz_);
+  }
+  ~EndSignals() {
+    ::sigaction(SIGINT, &old_int_, nullptr);
+    ::sigaction(SIGTERM, &old_term_, nullptr);
+    ::sigaction(SIGXFSZ, &old_xfsz_, nullptr);
+  }
+
+ private:
+  struct sigaction old_int_ {
+  }, old_term_{}, old_xfsz_{};
+};
+
+struct CaptureOptions {
+  std::string devices, out;
+  double duration_s = 0;  ///< 0: until a signal
+  std::vector<std::string> attach;
+};
+
+void say(const std::string& line) {
+  fmt::print(stderr, "gnathion: {}\n", line);
+}
+
+Status attach_file(const fs::path& path, std::map<std::string, std::string>& attachments) {
+  GNATHION_TRY(std::string bytes, read_file(path));
+  const auto [known, added] = attachments.try_emplace(path.filename().string(), bytes);
+  if (!added && known->second != bytes)
+    return fail(ErrorCode::kUsage, "cannot attach", path.string(),
+                "another attached file has that name; rename one of them");
+  return {};
+}
+
+/// Calibration files are settings that name an existing file of one of these kinds.
+Status attach_files_of(const DeviceConfig& config, std::map<std::string, std::string>& attachments) {
+  static const std::set<std::string> kinds = {".toml", ".json", ".yaml", ".yml", ".xml"};
+  for (const auto& [key, value] : config.settings) {
+    const auto* text = std::get_if<std::string>(&value);
+    if (!text) continue;
+    const fs::path path = fs::path(*text).is_absolute() ? fs::path(*text) : config.folder / *text;
+    std::error_code ec;
+    if (kinds.count(path.extension().string()) && fs::is_regular_file(path, ec))
+      GNATHION_CHECK_OK(attach_file(path, attachments));
+  }
+  return {};
+}
+
+/// One line for each device that cannot be opened; the others are what is recorded.
+std::vector<std::unique_ptr<Device>> open_devices(const std::vector<DeviceConfig>& configs, Clock& clock,
+                                                  bool quiet) {
+  std::vector<std::unique_ptr<Device>> devices;
+  for (const DeviceConfig& config : configs) {
+    auto device = open_device(config, clock);
+    if (!device) {
+      say(device.error().line());
+      continue;
+    }
+    if (!quiet)
+      for (const std::string& warning : (*device)->description().warnings)
+        say(fmt::format("warning: {}: {}", config.stream, warning));
+    devices.push_back(std::move(*device));
+  }
+  return devices;
+}
+
+std::uint64_t sum_of(const std::map<std::string, std::uint64_t>& by_reason) {
+  std::uint64_t sum = 0;
+  for (const auto& [reason, n] : by_reason) sum += n;
+  return sum;
+}
+
+std::string status_line(const SessionStatus& s) {
+  std::string line = fmt::format("{:.1f} s", s.elapsed_s);
+  for (const SessionDevice& d : s.devices) {
+    const auto counts = s.ledger.find(d.description.stream);
+    line += fmt::format(" | {} {}", d.description.stream, name_of(d.health.state));
+    if (d.health.rate_hz > 0) line += fmt::format(" {:.1f} Hz", d.health.rate_hz);
+    if (counts == s.ledger.end()) continue;
+    line += fmt::format(" {}", counts->second.received);
+    const std::uint64_t lost = counts->second.missing + sum_of(counts->second.rejected);
+    if (lost > 0) line += fmt::format(" -{}", lost);
+  }
+  const double fill = static_cast<double>(s.queue_bytes) / static_cast<double>(s.queue_capacity_bytes);
+  return line + fmt::format(" | queue {:.0f} % | {:.1f} MiB/s", 100 * fill, s.disk_mib_s);
+}
+
+/// Waits for the end, showing on a terminal how it goes and telling each device that fails.
+void watch(Session& session, double duration_s, bool show) {
+  std::set<std::string> told;
+  while (true) {
+    const SessionStatus status = session.status();
+    for (const SessionDevice& d : status.devices)
+      if (d.health.state == DeviceState::kFailed && told.insert(d.description.stream).second)
+        say(fmt::format("{}{}", show ? "\r\033[K" : "", d.health.message));
+    if (show) fmt::print(stderr, "\r\033[K{}", status_line(status));
+    const double left_s = duration_s > 0 ? duration_s - status.elapsed_s : 1.0;
+    if (asked_to_end || left_s <= 0 || session.wait_for(std::min(0.1, left_s))) break;
+  }
+  if (show) fmt::print(stderr, "\r\033[K");
+}
+
+json status_json(const SessionStatus& s, const std::string& out) {
+  json streams = json::object();
+  for (const auto& [name, c] : s.ledger)
+    streams[name] = {{"received", c.received}, {"missing", c.missing}, {"rejected", c.rejected}};
+  json devices = json::array();
+  for (const SessionDevice& d : s.devices)
+    devices.push_back({{"stream", d.description.stream},
+                       {"kind", d.description.kind},
+                       {"state", name_of(d.health.state)},
+                       {"message", d.health.message},
+                       {"reconnects", d.health.reconnects}});
+  return {{"out", out},
+          {"elapsed_s", s.elapsed_s},
+          {"bytes", s.file_bytes},
+          {"streams", streams},
+          {"devices", devices},
+          {"queue_peak_bytes", s.queue_peak_bytes},
+          {"longest_sync_s", s.longest_sync_s}};
+}
+
+std::string status_text(const SessionStatus& s, const std::string& out) {
+  std::string text = fmt::format("{:.1f} s, {:.1f} MiB in {}\n", s.elapsed_s,
+                                 static_cast<double>(s.file_bytes) / 1048576.0, out);
+  for (const auto& [name, c] : s.ledger) {
+    text += fmt::format("{:<20} {:>9} received {:>6} missing {:>6} rejected\n", name, c.received, c.missing,
+                        sum_of(c.rejected));
+    for (const auto& [reason, n] : c.rejected) text += fmt::format("    rejected: {} × {}\n", n, reason);
+  }
+  return text;
+}
+
+Result<CommandOutput> capture(const CaptureOptions& o, const CommonOptions& common) {
+  std::vector<std::string> inputs = o.attach;
+  inputs.push_back(o.devices);
+  GNATHION_CHECK_OK(may_write(o.out, common, inputs));
+  GNATHION_TRY(const std::vector<DeviceConfig> configs, read_device_configs(o.devices));
+  SessionOptions options;
+  options.software_version = kVersion;
+  GNATHION_CHECK_OK(attach_file(o.devices, options.attachments));
+  for (const DeviceConfig& config : configs) GNATHION_CHECK_OK(attach_files_of(config, options.attachments));
+  for (const std::string& file : o.attach) GNATHION_CHECK_OK(attach_file(file, options.attachments));
+
+  const EndSignals signals;
+  SystemClock clock;
+  std::vector<std::unique_ptr<Device>> devices = open_devices(configs, clock, common.quiet);
+  if (devices.empty()) return bad_input("cannot record", o.devices, "none of its devices could be opened");
+  GNATHION_TRY(const auto session, Session::start(o.out, std::move(devices), std::move(options), clock));
+  watch(*session, o.duration_s, !common.quiet && ::isatty(STDERR_FILENO));
+  GNATHION_CHECK_OK(session->finish());
+  const SessionStatus status = session->status();
+  const bool all_failed = std::all_of(status.devices.begin(), status.devices.end(),
+                                      [](const auto& d) { return d.health.state == DeviceState::kFailed; });
+  if (all_failed)
+    return fail(ErrorCode::kInternal, "recording ended", o.out,
+                "every device failed; what came before is in the file");
+  return CommandOutput{
+      status_text(status, o.out),
+      status_json(status, o.out).dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
+}
+
+}  // namespace
+
+void add_capture(CLI::App& recording, ChosenCommand& chosen) {
+  auto o = std::make_shared<CaptureOptions>();
+  CLI::App* command =
+      recording.add_subcommand("capture", "record from live instruments until Ctrl-C or --duration-s");
+  command->add_option("--devices", o->devices, "which instruments, and how they are set (devices.toml)")
+      ->required();
+  command
+      ->add_option("--out", o->out, "recording (.mcap); it grows in place, so that a crash leaves it there")
+      ->required();
+  command->add_option("--duration-s", o->duration_s, "end after so many seconds")->check(CLI::PositiveNumber);
+  command->add_option("--attach", o->attach, "keep these files in the recording too (rig, bow, calibration)");
+  finish_command(*command, chosen, [o](const CommonOptions& common, Progress&) -> Result<CommandOutput> {
+    return capture(*o, common);
+  });
+}
+
+}  // namespace gnathion
