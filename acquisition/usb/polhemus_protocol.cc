@@ -72,11 +72,17 @@ std::string PolhemusFormat::command() const {
   return distortion ? "O*,8,9,11,2,7\r" : "O*,8,9,2,7\r";
 }
 
+/// As far as the bytes go.
+bool PolhemusDecoder::may_be_pose_header(std::string_view bytes) const {
+  const std::size_t n = bytes.size();
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
+  return starts_with_tag(bytes) && (n < 3 || (byte(2) >= 1 && byte(2) <= kMaxStation)) &&
+         (n < 4 || bytes[3] == kContinuous) && (n < 7 || byte(6) == format_.body_size()) &&
+         (n < 8 || byte(7) == 0);
+}
+
 bool PolhemusDecoder::is_pose_header(std::string_view bytes) const {
-  if (bytes.size() < kHeaderSize || !starts_with_tag(bytes)) return false;
-  const int station = static_cast<unsigned char>(bytes[2]);
-  return station >= 1 && station <= kMaxStation && bytes[3] == kContinuous &&
-         size_of(bytes) == format_.body_size();
+  return bytes.size() >= kHeaderSize && may_be_pose_header(bytes.substr(0, kHeaderSize));
 }
 
 /// A record that another one starts in was cut. The header may reach beyond the record's end.
@@ -86,7 +92,14 @@ bool PolhemusDecoder::is_cut(std::string_view rest, std::size_t size) const {
   return false;
 }
 
-PolhemusDecoder::Look PolhemusDecoder::look_at(std::string_view rest, PolhemusRecord& record,
+/// Its end looks like the start of another one, which only the next bytes can tell.
+bool PolhemusDecoder::may_be_cut(std::string_view rest, std::size_t size) const {
+  for (std::size_t at = size - (kHeaderSize - 1); at < size; ++at)
+    if (rest.size() - at < kHeaderSize && may_be_pose_header(rest.substr(at))) return true;
+  return false;
+}
+
+PolhemusDecoder::Look PolhemusDecoder::look_at(std::string_view rest, bool more_comes, PolhemusRecord& record,
                                                std::size_t& size) const {
   if (!starts_with_tag(rest)) return Look::kGarbage;
   if (rest.size() < kHeaderSize) return Look::kNeedMore;
@@ -98,7 +111,7 @@ PolhemusDecoder::Look PolhemusDecoder::look_at(std::string_view rest, PolhemusRe
       return Look::kGarbage;
   }
   if (is_cut(rest, std::min(size, rest.size()))) return Look::kGarbage;
-  if (rest.size() < size) return Look::kNeedMore;
+  if (rest.size() < size || (pose && more_comes && may_be_cut(rest, size))) return Look::kNeedMore;
   const bool followed = starts_with_tag(rest.substr(size));  // by a record or, so far, by nothing
   if (pose) {
     const PolhemusPose read = pose_from(rest, format_);
@@ -120,11 +133,15 @@ void PolhemusDecoder::tell_garbage(std::vector<PolhemusRecord>& out) {
 
 void PolhemusDecoder::feed(std::string_view bytes, std::vector<PolhemusRecord>& out) {
   buffer_.append(bytes);
+  cut_up(true, out);
+}
+
+void PolhemusDecoder::cut_up(bool more_comes, std::vector<PolhemusRecord>& out) {
   std::size_t at = 0;
   while (at < buffer_.size()) {
     PolhemusRecord record;
     std::size_t size = 0;
-    const Look look = look_at(std::string_view(buffer_).substr(at), record, size);
+    const Look look = look_at(std::string_view(buffer_).substr(at), more_comes, record, size);
     if (look == Look::kNeedMore) break;
     if (look == Look::kGarbage) {
       ++at;
@@ -139,6 +156,7 @@ void PolhemusDecoder::feed(std::string_view bytes, std::vector<PolhemusRecord>& 
 }
 
 void PolhemusDecoder::flush(std::vector<PolhemusRecord>& out) {
+  cut_up(false, out);
   garbage_ += buffer_.size();
   buffer_.clear();
   tell_garbage(out);

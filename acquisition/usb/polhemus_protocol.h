@@ -52,9 +52,12 @@ class PolhemusDecoder {
 
  private:
   enum class Look { kRecord, kGarbage, kNeedMore };
-  Look look_at(std::string_view rest, PolhemusRecord& record, std::size_t& size) const;
+  void cut_up(bool more_comes, std::vector<PolhemusRecord>& out);
+  Look look_at(std::string_view rest, bool more_comes, PolhemusRecord& record, std::size_t& size) const;
+  bool may_be_pose_header(std::string_view bytes) const;
   bool is_pose_header(std::string_view bytes) const;
   bool is_cut(std::string_view rest, std::size_t size) const;
+  bool may_be_cut(std::string_view rest, std::size_t size) const;
   void tell_garbage(std::vector<PolhemusRecord>& out);
 
   PolhemusFormat format_;
