@@ -8,6 +8,7 @@
 
 #include "core/mesh_query.h"
 #include "core/random.h"
+#include "evaluation/planned_model.h"
 #include "evaluation/virtual_print_models.h"
 
 namespace gnathion {
@@ -152,12 +153,12 @@ Status check_options(const VirtualPrintOptions& options) {
   return {};
 }
 
-Result<VirtualPatient> prepare_patient(const PlannedSplint& planned) {
+Result<VirtualPatient> prepare_patient(const PlannedSplint& planned, const EvaluationOptions& options) {
   VirtualPatient p;
-  p.planned = planned;
-  GNATHION_TRY(p.arch, find_arch(*planned.maxilla, *planned.mandible_mi));
-  p.mandible_tp = shared(transformed(planned.therapeutic.rigid, *planned.mandible_mi));
-  const MeshQuery maxilla(*planned.maxilla), mandible(*p.mandible_tp), splint(*planned.splint);
+  GNATHION_TRY(p.model, PlannedModel::make(planned, options));
+  const MeshQuery& maxilla = p.model->maxilla().query;
+  const MeshQuery& mandible = p.model->mandible().query;
+  const MeshQuery& splint = p.model->splint().query;
   p.cavity = near(*planned.splint, maxilla, kCavityReach_mm, true);
   if (std::count(p.cavity.begin(), p.cavity.end(), 1) < static_cast<std::ptrdiff_t>(kFewestContacts))
     return bad_input("cannot print virtually", planned.name,
@@ -174,8 +175,8 @@ Result<VirtualPatient> prepare_patient(const PlannedSplint& planned) {
 VirtualTrial virtual_trial(const VirtualPatient& patient, const VirtualPrintOptions& options,
                            std::size_t trial) {
   Random random(options.seed, trial);
-  const PlannedSplint& planned = patient.planned;
-  const ArchFrame& arch = patient.arch;
+  const PlannedSplint& planned = patient.model->planned();
+  const ArchFrame& arch = patient.model->arch();
   const TriangleMesh print = print_virtually(*planned.splint, arch, options.print, random);
 
   // The deformed splint comes to rest where its cavity fits best, give or take the play that there is.
@@ -191,7 +192,7 @@ VirtualTrial virtual_trial(const VirtualPatient& patient, const VirtualPrintOpti
   out.mandible = dental_from_print * imprint * out.sliding;
 
   const TriangleMesh seated = transformed(dental_from_print, print);
-  const TriangleMesh mandible = transformed(out.mandible, *patient.mandible_tp);
+  const TriangleMesh mandible = transformed(out.mandible, *patient.model->mandible_tp());
   const TriangleMesh maxilla = part(*planned.maxilla, patient.uncovered, true);
   const Rigid3 scan_from_dental = any_frame(random), free_from_print = any_frame(random);
   const auto scanned = [&](const TriangleMesh& surface, const Rigid3& pose) {
@@ -210,14 +211,14 @@ VirtualTrial virtual_trial(const VirtualPatient& patient, const VirtualPrintOpti
 Result<VirtualPrint> virtual_print(const PlannedSplint& planned, const VirtualPrintOptions& options,
                                    Progress& progress) {
   GNATHION_CHECK_OK(check_options(options));
-  GNATHION_TRY(const VirtualPatient patient, prepare_patient(planned));
+  GNATHION_TRY(const VirtualPatient patient, prepare_patient(planned, options.evaluation));
   VirtualPrint out;
   out.design = planned.name;
   std::vector<SplintEvaluation> kept;
   for (std::size_t trial = 0; trial < options.trials; ++trial) {
     const VirtualTrial t = virtual_trial(patient, options, trial);
     SilentProgress silent;
-    Result<SplintEvaluation> e = evaluate_splint(t.scanned, {}, options.evaluation, silent);
+    Result<SplintEvaluation> e = evaluate_splint(*patient.model, t.scanned, {}, options.evaluation, silent);
     if (!e) {
       out.refused.push_back(t.scanned.name + ": " + e.error().line());
     } else {

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -55,16 +57,16 @@ Status set_magnitude(VirtualPrintOptions& options, const std::string& name_equal
 /// Refused (kUsage): negative or absurd magnitudes, no trials.
 Status check_options(const VirtualPrintOptions& options);
 
-/// The design as it lies, and what is found on it once for all trials.
+class PlannedModel;
+
+/// The design made ready, and what is found on it once for all trials.
 struct VirtualPatient {
-  PlannedSplint planned;
-  ArchFrame arch;                       ///< of the planned jaws in MI
-  SharedMesh mandible_tp;               ///< T_th · L0
+  std::shared_ptr<const PlannedModel> model;
   std::vector<std::uint8_t> cavity;     ///< per vertex of the splint: faces the maxilla
   std::vector<std::uint8_t> contact;    ///< per vertex of the splint: the mandible in TP bites there
   std::vector<std::uint8_t> uncovered;  ///< per vertex of the maxilla: seen with the splint in place
 };
-Result<VirtualPatient> prepare_patient(const PlannedSplint& planned);
+Result<VirtualPatient> prepare_patient(const PlannedSplint& planned, const EvaluationOptions& options);
 
 /// What one trial drew: the truth to judge the procedures by. Motions in Dental.
 struct VirtualTrial {

@@ -82,4 +82,79 @@ Result<ReportSizes> write_evaluation_report(const EvaluationReport& report, cons
   return sizes;
 }
 
+namespace {
+
+const char* name_of(SeatRegion region) {
+  static const char* const names[] = {"auto", "palate", "crowns", "whole"};
+  return names[static_cast<std::size_t>(region)];
+}
+
+std::vector<std::pair<std::string, std::string>> parameters_of(const EvaluateJob& job) {
+  const EvaluationOptions& o = job.options;
+  const StatisticsOptions& s = job.statistics;
+  const auto number = [](double v) { return fmt::format("{}", v); };
+  std::vector<std::pair<std::string, std::string>> out;
+  if (job.rows.empty())
+    out = {{"evaluation.seat_region", name_of(o.seat_region)},
+           {"evaluation.reach_mm", number(o.reach_mm)},
+           {"evaluation.rim_mm", number(o.rim_mm)},
+           {"evaluation.steep_deg", number(o.steep_deg)},
+           {"evaluation.noise_mm", number(o.noise_mm)},
+           {"evaluation.points", std::to_string(o.points)},
+           {"evaluation.seed", std::to_string(o.seed)}};
+  out.insert(out.end(), {{"statistics.outlier_z", number(s.outlier_z)},
+                         {"statistics.length_floor_mm", number(s.length_floor_mm)},
+                         {"statistics.angle_floor_deg", number(s.angle_floor_deg)},
+                         {"statistics.resamples", std::to_string(s.resamples)},
+                         {"statistics.seed", std::to_string(s.seed)}});
+  const EvaluationTolerance& t = job.tolerance;
+  const std::pair<const char*, const std::optional<double>*> limits[] = {
+      {"tolerance.avg_mm", &t.avg_mm},
+      {"tolerance.std_mm", &t.std_mm},
+      {"tolerance.alpha_deg", &t.alpha_deg},
+      {"tolerance.t_mm", &t.t_mm},
+      {"tolerance.max_tooth_mm", &t.max_tooth_mm},
+      {"tolerance.equivalence_mm", &t.equivalence_mm}};
+  for (const auto& [name, value] : limits)
+    if (*value) out.emplace_back(name, number(**value));
+  return out;
+}
+
+/// What a file was given as.
+std::string role_of(const std::string& path, const EvaluateJob& job) {
+  if (!job.rows.empty() && path == job.rows) return "rows";
+  if (!job.printed.empty() && path == job.printed) return "printed totals";
+  if (!job.config.empty() && path == job.config) return "configuration";
+  for (const EvaluateSplint& s : job.splints) {
+    const std::pair<const char*, const fs::path*> roles[] = {
+        {"scan of the splint", &s.scan_splint},
+        {"scan of the maxilla", &s.scan_maxilla},
+        {"scan of the mandible", &s.scan_mandible},
+        {"scan of the splint alone", &s.scan_splint_free},
+        {"model of the maxilla", &s.maxilla},
+        {"model of the mandible", &s.mandible},
+        {"transform", &s.transform}};
+    for (const auto& [role, given] : roles)
+      if (!given->empty() && path == *given) return "splint " + s.name + ": " + role;
+  }
+  return "design";
+}
+
+}  // namespace
+
+Result<ReportSizes> write_evaluation_report(const EvaluationOutcome& outcome, const fs::path& folder,
+                                            const std::string& date_iso, Progress& progress) {
+  EvaluationReport r;
+  r.splints = outcome.splints;
+  r.tables = outcome.tables;
+  r.core_tables = outcome.core_tables;
+  for (const std::string& v : outcome.violated) r.notes.push_back("beyond tolerance: " + v);
+  r.notes.insert(r.notes.end(), outcome.notes.begin(), outcome.notes.end());
+  for (const EvaluationInput& i : outcome.inputs)
+    r.inputs.push_back({role_of(i.path, outcome.job), i.path, i.sha256});
+  r.parameters = parameters_of(outcome.job);
+  r.date_iso = date_iso;
+  return write_evaluation_report(r, folder, progress);
+}
+
 }  // namespace gnathion

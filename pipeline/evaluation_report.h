@@ -10,6 +10,7 @@
 #include "core/progress.h"
 #include "core/result.h"
 #include "evaluation/evaluation.h"
+#include "pipeline/evaluate_job.h"
 
 namespace gnathion {
 
@@ -38,5 +39,10 @@ struct ReportSizes {
 /// which exists.
 Result<ReportSizes> write_evaluation_report(const EvaluationReport& report,
                                             const std::filesystem::path& folder, Progress& progress);
+
+/// The report of what run_evaluation found, into the same folder.
+Result<ReportSizes> write_evaluation_report(const EvaluationOutcome& outcome,
+                                            const std::filesystem::path& folder, const std::string& date_iso,
+                                            Progress& progress);
 
 }  // namespace gnathion
