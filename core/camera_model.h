@@ -53,6 +53,8 @@ struct Rig {
 
 /// RIG.toml (docs/formats.md): [[camera]] and the paths of bow and head-frame files beside it.
 Result<Rig> read_rig(const std::filesystem::path& path);
+/// The [[camera]] entries of a RIG.toml alone; the bodies need not be there.
+Result<std::vector<RigCamera>> read_rig_cameras(const std::filesystem::path& path);
 /// bow.toml: name, family and [[tag]] with id and corners_mm.
 Result<TaggedBody> read_body(const std::filesystem::path& path);
 /// Writes RIG.toml, and bow.toml and head_frame.toml beside it.

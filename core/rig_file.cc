@@ -69,6 +69,18 @@ Result<RigCamera> parse_camera(const toml::table& t, const std::string& where) {
   return camera;
 }
 
+Result<std::vector<RigCamera>> parse_cameras(const toml::table& t, const std::string& where) {
+  std::vector<RigCamera> cameras;
+  const auto* entries = t["camera"].as_array();
+  if (!entries || entries->empty()) return bad_input(kWhat, where, "no [[camera]]");
+  for (const auto& node : *entries) {
+    if (!node.is_table()) return bad_input(kWhat, where, "[[camera]] is not a table");
+    GNATHION_TRY(RigCamera camera, parse_camera(*node.as_table(), where));
+    cameras.push_back(std::move(camera));
+  }
+  return cameras;
+}
+
 std::string body_toml(const TaggedBody& body) {
   std::string text = fmt::format(
       "# A rigid body with AprilTags. Corners in the body's own frame, mm, in the order lower left,\n"
@@ -132,17 +144,16 @@ Result<TaggedBody> read_body(const fs::path& path) {
   return body;
 }
 
+Result<std::vector<RigCamera>> read_rig_cameras(const fs::path& path) {
+  GNATHION_TRY(const toml::table t, parse_toml(path));
+  return parse_cameras(t, path.string());
+}
+
 Result<Rig> read_rig(const fs::path& path) {
   GNATHION_TRY(const toml::table t, parse_toml(path));
   const std::string where = path.string();
   Rig rig;
-  const auto* cameras = t["camera"].as_array();
-  if (!cameras || cameras->empty()) return bad_input(kWhat, where, "no [[camera]]");
-  for (const auto& node : *cameras) {
-    if (!node.is_table()) return bad_input(kWhat, where, "[[camera]] is not a table");
-    GNATHION_TRY(RigCamera camera, parse_camera(*node.as_table(), where));
-    rig.cameras.push_back(std::move(camera));
-  }
+  GNATHION_TRY(rig.cameras, parse_cameras(t, where));
   const auto bow = t["bow"].value<std::string>(), head = t["head_frame"].value<std::string>();
   if (!bow || !head) return bad_input(kWhat, where, "needs 'bow' and 'head_frame' file names");
   GNATHION_TRY(rig.bow, read_body(path.parent_path() / *bow));

@@ -18,8 +18,8 @@ constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 /// resampled in two axes, the second in two and once more along the row (0.77 for a = −0.5).
 constexpr double kResampledShare = 0.5 * (0.73 * 0.73 + 0.73 * 0.73 * 0.77);
 
-/// What noise does not explain: resampling, and surface that curves within the window. Measured on rendered faces
-/// without noise; enters the deviation.
+/// What noise does not explain: resampling, and surface that curves within the window. Measured on rendered
+/// faces without noise; enters the deviation.
 constexpr double kModelSigma_px = 0.03;
 constexpr double kFarthestTexture = 0.5;  // of the window's radius: centre of the texture from the pixel
 
