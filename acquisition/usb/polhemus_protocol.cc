@@ -85,8 +85,12 @@ bool PolhemusDecoder::is_pose_header(std::string_view bytes) const {
   return bytes.size() >= kHeaderSize && may_be_pose_header(bytes.substr(0, kHeaderSize));
 }
 
-/// A record that another one starts in was cut. The header may reach beyond the record's end.
+/// A record that another one starts in was cut. The header may reach beyond the record's end, or be cut
+/// itself: three bytes of one at the end of a quaternion would be a number of 1e-38.
 bool PolhemusDecoder::is_cut(std::string_view rest, std::size_t size) const {
+  if (rest.size() >= size)
+    for (std::size_t at = size - (kHeaderSize - 1); at + 3 <= size; ++at)
+      if (may_be_pose_header(rest.substr(at, size - at))) return true;
   for (std::size_t at = 1; at < size && at + kHeaderSize <= rest.size(); ++at)
     if (is_pose_header(rest.substr(at))) return true;
   return false;
@@ -110,8 +114,8 @@ PolhemusDecoder::Look PolhemusDecoder::look_at(std::string_view rest, bool more_
     if (command == kContinuous || !is_command(command) || size > kHeaderSize + kMaxReply)
       return Look::kGarbage;
   }
-  if (is_cut(rest, std::min(size, rest.size()))) return Look::kGarbage;
-  if (rest.size() < size || (pose && more_comes && may_be_cut(rest, size))) return Look::kNeedMore;
+  if (is_cut(rest, size)) return Look::kGarbage;
+  if (rest.size() < size || (more_comes && may_be_cut(rest, size))) return Look::kNeedMore;
   const bool followed = starts_with_tag(rest.substr(size));  // by a record or, so far, by nothing
   if (pose) {
     const PolhemusPose read = pose_from(rest, format_);
