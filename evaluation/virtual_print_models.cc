@@ -77,38 +77,59 @@ TriangleMesh displaced(const TriangleMesh& mesh, const ArchFrame& arch, const Bo
   TriangleMesh out = mesh;
   tbb::parallel_for(std::size_t{0}, along.size(), [&](std::size_t v) {
     const Vector3& p = mesh.vertices_mm[v];
-    out.vertices_mm[v] =
-        p + turn_back * body.at(arch.to_arch(p)) + (along[v] + wave_mm * waves(p)) * normals[v];
+    out.vertices_mm[v] = p + turn_back * body.at(arch.to_arch(p)) +
+                         (along[v] + (wave_mm > 0 ? wave_mm * waves(p) : 0.0)) * normals[v];
   });
   return out;
 }
 
 }  // namespace
 
-TriangleMesh blurred(const TriangleMesh& mesh, double radius_mm) {
-  if (radius_mm <= 0) return mesh;
+namespace {
+
+/// Mean squared length of the edges at each vertex, and the sum and number of its neighbours.
+struct Fans {
+  std::vector<Vector3> sum;
+  std::vector<double> squares, count;
+};
+
+Fans fans_of(const TriangleMesh& mesh) {
   const std::size_t n = mesh.vertices_mm.size();
-  std::vector<Vector3> sum(n, Vector3::Zero());
-  std::vector<double> squares(n, 0), count(n, 0);
+  Fans f{std::vector<Vector3>(n, Vector3::Zero()), std::vector<double>(n, 0), std::vector<double>(n, 0)};
   for (const Triangle& t : mesh.triangles)
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint32_t a = t[k], b = t[(k + 1) % 3];
       const double d2 = (mesh.vertices_mm[a] - mesh.vertices_mm[b]).squaredNorm();
       for (const auto& [from, to] : {std::pair(a, b), std::pair(b, a)}) {
-        sum[from] += mesh.vertices_mm[to];
-        squares[from] += d2;
-        ++count[from];
+        f.sum[from] += mesh.vertices_mm[to];
+        f.squares[from] += d2;
+        ++f.count[from];
       }
     }
-  // Mean curvature flow for the time ½r². On a regular fan of edge ℓ, neighbours' mean − p = ¼ℓ²·Δp; with
-  // w = 2r²/ℓ² at most ½ a step is stable.
-  const std::vector<Vector3> normals = vertex_normals(mesh);
+  return f;
+}
+
+}  // namespace
+
+TriangleMesh blurred(const TriangleMesh& mesh, double radius_mm) {
+  if (radius_mm <= 0 || mesh.empty()) return mesh;
+  // Mean curvature flow for the time ½r². The mean of a fan's neighbours lies ½κℓ² below its middle, so that
+  // a weight of 2r²/ℓ² moves it by ½r²(κ1 + κ2); weights up to ½ are stable, and larger ones are taken in
+  // steps.
+  const double edge2 =
+      surface_area_mm2(mesh) / static_cast<double>(mesh.triangles.size()) * 4 / std::sqrt(3.0);
+  const double r2 = radius_mm * radius_mm;
+  const int steps = static_cast<int>(std::clamp(std::ceil(4 * r2 / edge2), 1.0, 40.0));
   TriangleMesh out = mesh;
-  for (std::size_t v = 0; v < n; ++v) {
-    if (count[v] == 0) continue;
-    const double weight = std::min(0.5, 2 * radius_mm * radius_mm / (squares[v] / count[v]));
-    const double step = weight * normals[v].dot(sum[v] / count[v] - mesh.vertices_mm[v]);
-    out.vertices_mm[v] += std::clamp(step, -radius_mm, radius_mm) * normals[v];
+  for (int step = 0; step < steps; ++step) {
+    const Fans fans = fans_of(out);
+    const std::vector<Vector3> normals = vertex_normals(out);
+    for (std::size_t v = 0; v < out.vertices_mm.size(); ++v) {
+      if (fans.count[v] == 0) continue;
+      const double weight = std::min(0.5, 2 * r2 / steps / (fans.squares[v] / fans.count[v]));
+      const double move = weight * normals[v].dot(fans.sum[v] / fans.count[v] - out.vertices_mm[v]);
+      out.vertices_mm[v] += std::clamp(move, -radius_mm / steps, radius_mm / steps) * normals[v];
+    }
   }
   return out;
 }
