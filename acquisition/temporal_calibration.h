@@ -43,7 +43,7 @@ struct TemporalCalibration {
 Result<TemporalCalibration> calibrate_time_offset(const std::vector<TimedPose>& first,
                                                   const std::vector<TimedPose>& second,
                                                   const TemporalCalibrationOptions& options = {});
-/// The same for scalar signals.
+/// The same for scalar signals, whose rates of change are compared.
 Result<TemporalCalibration> calibrate_time_offset(const std::vector<TimedValue>& first,
                                                   const std::vector<TimedValue>& second,
                                                   const TemporalCalibrationOptions& options = {});

@@ -27,7 +27,7 @@ struct RigSyncOptions {
   std::size_t min_frames = 0;
   /// A camera that is this much behind the others is no longer waited for, until it delivers again.
   std::int64_t max_lag_ns = 500'000'000;
-  std::size_t max_waiting = 64;  ///< frames held per camera at most; beyond, the oldest is decided
+  std::size_t max_waiting = 64;  ///< frames held per camera at most; beyond, its oldest is decided on
 };
 
 /// Frames of one instant. `frame[i]` is of streams[i]; null where that camera saw nothing.
@@ -51,6 +51,9 @@ class FrameGrouper {
   /// Takes a frame of one of the rig's streams (in each stream in order of time; one that goes back in time
   /// is lone at once). `ticket` comes back with the decision.
   std::vector<Decision> add(std::shared_ptr<const FrameSample> frame, std::uint64_t ticket = 0);
+  /// Takes the ledger's line of a rejected frame: it too tells how far its camera is. With them a recording
+  /// gives the decisions of the live session again.
+  std::vector<Decision> note(const LedgerSample& line);
   /// No more frames come: decides what still waits.
   std::vector<Decision> finish();
 
@@ -65,15 +68,16 @@ class FrameGrouper {
     std::int64_t latest_ns = INT64_MIN;  ///< time of the newest frame so far
   };
   std::int64_t time_of(const SampleHeader& header) const;
+  std::int64_t front_ns() const;
+  bool advance(Stream* stream, std::int64_t t_ns, std::vector<Decision>* out);
   bool decidable(std::int64_t earliest_ns) const;
   void decide_all(bool finishing, std::vector<Decision>* out);
-  Decision decide(std::int64_t earliest_ns);
+  Decision decide(std::int64_t at_ns);
   LedgerSample lone_line(const FrameSample& frame) const;
 
   RigSyncOptions options_;
   std::vector<Stream> streams_;
   std::map<std::string, std::size_t> index_;
-  bool finishing_ = false;
 };
 
 /// A decorator: the frames of lone instants are replaced by their ledger lines, everything else passes as it
@@ -85,8 +89,8 @@ class RigSyncSource : public Source {
 
  private:
   struct Slot {
-    std::optional<Sample> sample;  ///< nothing while its frame is undecided
-    std::shared_ptr<const FrameSample> frame;
+    Sample sample;
+    bool decided;  ///< false while a frame may still find its partners
   };
   void apply(const std::vector<FrameGrouper::Decision>& decisions);
 
