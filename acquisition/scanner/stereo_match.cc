@@ -7,6 +7,8 @@
 #include <limits>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
+#include <optional>
+#include <tuple>
 
 namespace gnathion {
 namespace {
@@ -265,37 +267,62 @@ void trim_rims(DisparityImage& image) {
     }
 }
 
-double median_row_shift_px(const FloatImage& first, const FloatImage& second, const DisparityImage& coarse) {
-  constexpr int kRadius = 7;
-  constexpr std::size_t kAbout = 2000;
-  const FloatImage splines = row_splines(second);
-  std::vector<double> shifts;
-  const std::size_t stride = std::max<std::size_t>(1, first.pixels.size() / kAbout);
-  for (std::size_t n = 0; n < first.pixels.size(); n += stride) {
-    const int x = static_cast<int>(n % static_cast<std::size_t>(first.width_px)),
-              y = static_cast<int>(n / static_cast<std::size_t>(first.width_px));
-    if (std::isnan(coarse.disparity_px[n]) || y < kRadius + 1 || y >= first.height_px - kRadius - 1) continue;
-    if (x < kRadius || x >= first.width_px - kRadius) continue;
-    const double d = static_cast<double>(coarse.disparity_px[n]);
-    if (x - d < kRadius + 2 || x - d >= second.width_px - kRadius - 4) continue;
-    // I1 = I2 + slope_x·a + slope_y·b + offset
+namespace {
+
+/// Vertical shift of the second image at one matched pixel, by Gauss-Newton in both directions.
+std::optional<double> row_shift(const FloatImage& first, const FloatImage& splines, int x, int y,
+                                double disparity) {
+  constexpr int kRadius = 7, kFarthest = 3;
+  const int margin = kRadius + kFarthest + 2;
+  const double x2 = x - disparity;
+  if (x < margin || y < margin || x >= first.width_px - margin || y >= first.height_px - margin)
+    return std::nullopt;
+  if (!(x2 >= margin + kFarthest && x2 < splines.width_px - margin - kFarthest)) return std::nullopt;
+  const auto row = [&](int at) {
+    return splines.pixels.data() + static_cast<std::size_t>(at) * static_cast<std::size_t>(splines.width_px);
+  };
+  double across = 0, down = 0;
+  for (int round = 0; round < 6; ++round) {
+    const int whole = static_cast<int>(std::floor(down));
+    const double part = down - whole;
     Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
     Eigen::Vector3d g = Eigen::Vector3d::Zero();
     for (int j = -kRadius; j <= kRadius; ++j)
       for (int i = -kRadius; i <= kRadius; ++i) {
-        const auto row = [&](int dy) {
-          return second.pixels.data() +
-                 static_cast<std::size_t>(y + j + dy) * static_cast<std::size_t>(second.width_px);
-        };
-        const Sample1 s = sample_row(row(0), x + i - d);
-        const double down =
-            0.5 * (sample_row(row(1), x + i - d).value - sample_row(row(-1), x + i - d).value);
-        const Eigen::Vector3d a(s.slope, down, 1);
-        h += a * a.transpose();
-        g += a * (static_cast<double>(first.pixels[first.at(x + i, y + j)]) - s.value);
+        const Sample1 a = sample_row(row(y + j + whole), x2 + i + across),
+                      b = sample_row(row(y + j + whole + 1), x2 + i + across);
+        const Eigen::Vector3d by((1 - part) * a.slope + part * b.slope, b.value - a.value, 1);
+        h += by * by.transpose();
+        g += by * (static_cast<double>(first.pixels[first.at(x + i, y + j)]) - (1 - part) * a.value -
+                   part * b.value);
       }
     const Eigen::LDLT<Eigen::Matrix3d> ldlt(h);
-    if (ldlt.isPositive()) shifts.push_back(ldlt.solve(g)[1]);
+    if (!ldlt.isPositive()) return std::nullopt;
+    const Eigen::Vector3d step = ldlt.solve(g);
+    across += step[0];
+    down += step[1];
+    if (!(std::abs(across) < kFarthest && std::abs(down) < kFarthest)) return std::nullopt;
+  }
+  return down;
+}
+
+}  // namespace
+
+double median_row_shift_px(const FloatImage& first, const FloatImage& second, const DisparityImage& refined,
+                           int step) {
+  constexpr std::size_t kAbout = 1000;
+  std::vector<std::size_t> matched;
+  for (std::size_t i = 0; i < refined.disparity_px.size(); ++i)
+    if (!std::isnan(refined.disparity_px[i])) matched.push_back(i);
+  const FloatImage splines = row_splines(second);
+  std::vector<double> shifts;
+  const auto width = static_cast<std::size_t>(refined.width_px);
+  for (std::size_t n = 0; n < matched.size(); n += matched.size() / kAbout + 1) {
+    const std::size_t i = matched[n];
+    const auto shift =
+        row_shift(first, splines, static_cast<int>(i % width) * step, static_cast<int>(i / width) * step,
+                  static_cast<double>(refined.disparity_px[i]));
+    if (shift) shifts.push_back(*shift);
   }
   if (shifts.empty()) return 0;
   std::nth_element(shifts.begin(), shifts.begin() + static_cast<long>(shifts.size() / 2), shifts.end());

@@ -28,7 +28,8 @@ DisparityImage refined(const FloatImage& first, const FloatImage& second, const 
 /// Takes away what borders on nothing: at rims windows reach over the edge.
 void trim_rims(DisparityImage& image);
 
-/// Median vertical shift between the images at matched pixels.
-double median_row_shift_px(const FloatImage& first, const FloatImage& second, const DisparityImage& coarse);
+/// Median vertical shift of the second image against the first at pixels that were matched.
+double median_row_shift_px(const FloatImage& first, const FloatImage& second, const DisparityImage& refined,
+                           int step_px);
 
 }  // namespace gnathion

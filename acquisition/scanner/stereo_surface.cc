@@ -100,16 +100,18 @@ Result<StereoSurface> stereo_surface(const Image8& first, const Image8& second, 
     const FloatImage left = rectified(first, first_camera.model, r.rectified_from_first, r, 0);
     const FloatImage right = rectified(second, second_camera.model, r.rectified_from_second, r, r.shift_px);
     const DisparityImage coarse = match_semi_globally(left, right, r, options, &out.report.disparities);
-    out.report.row_shift_px = median_row_shift_px(left, right, coarse);
     DisparityImage fine = refined(left, right, coarse, options);
     trim_rims(fine);
+    out.report.row_shift_px = median_row_shift_px(left, right, fine, options.step_px);
     out.report.matched_share = share_matched(fine, left, options.step_px);
     if (out.report.matched_share < kLeastMatched)
       return bad_input(
           kWhat, where,
-          fmt::format("only {:.1f} % of the picture matches between {:.0f} and {:.0f} mm: smooth "
-                      "skin needs a projected pattern or make-up dots, both cameras the same light",
-                      100 * out.report.matched_share, options.near_mm, options.far_mm));
+          fmt::format(
+              "only {:.1f} % of the picture matches between {:.0f} and {:.0f} mm: smooth "
+              "skin needs a projected pattern or make-up dots, both cameras the same light and a valid "
+              "calibration",
+              100 * out.report.matched_share, options.near_mm, options.far_mm));
     std::vector<float> sigmas;
     for (const float s : fine.sigma_px)
       if (!std::isnan(s)) sigmas.push_back(s);
