@@ -43,8 +43,10 @@ void finish_command(CLI::App& command, ChosenCommand& chosen, CommandBody body, 
 
 void add_demo_commands(CLI::App& app, ChosenCommand& chosen);       // demo, phantom
 void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording info|verify|recover, track
+void add_exchange_commands(CLI::App& recording, ChosenCommand& chosen);  // recording import|export
 void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
+void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
 void add_virtual_print_command(CLI::App& evaluate, ChosenCommand& chosen);  // under evaluate
 
 /// Refuses (kUsage) an output file that exists unless forced, whose folder does not exist, or that is one of

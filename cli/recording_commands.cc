@@ -163,6 +163,7 @@ void add_recording_commands(CLI::App& app, ChosenCommand& chosen) {
   add_info(*recording, chosen);
   add_recover(*recording, chosen);
   add_capture(*recording, chosen);
+  add_exchange_commands(*recording, chosen);
   add_track(app, chosen);
 }
 

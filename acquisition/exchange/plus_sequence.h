@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/image.h"
@@ -73,6 +74,8 @@ Result<PlusHeader> parse_plus_header(std::string_view bytes, const std::string& 
 class PlusReader {
  public:
   static Result<PlusReader> open(const std::filesystem::path& path);
+  /// The same from memory; a file that keeps its data beside it is refused.
+  static Result<PlusReader> parse(std::string bytes, const std::string& name);
   PlusReader(PlusReader&&) noexcept;
   ~PlusReader();
   const PlusSequence& sequence() const;
@@ -83,6 +86,7 @@ class PlusReader {
  private:
   struct State;
   explicit PlusReader(std::unique_ptr<State> state);
+  static Result<PlusReader> with_data(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };
 

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "acquisition/igtl/igtl_bytes.h"
+#include "acquisition/luma.h"
 
 namespace gnathion::igtl {
 namespace {
@@ -100,10 +101,9 @@ const char* scalar_name(int type) {
   return "unknown scalars";
 }
 
-/// Luma of BT.601 in integers, rounded; the weights sum to 2^15.
 std::uint8_t grey(const char* rgb) {
-  const auto at = [&](int i) { return static_cast<std::uint32_t>(static_cast<unsigned char>(rgb[i])); };
-  return static_cast<std::uint8_t>((9798 * at(0) + 19235 * at(1) + 3735 * at(2) + (1u << 14)) >> 15);
+  return luma_from_rgb(static_cast<std::uint8_t>(rgb[0]), static_cast<std::uint8_t>(rgb[1]),
+                       static_cast<std::uint8_t>(rgb[2]));
 }
 
 Result<Body> decode_image(std::string_view b) {

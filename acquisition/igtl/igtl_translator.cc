@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cctype>
 
+#include "acquisition/exchange/plus_names.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
 
@@ -22,14 +23,6 @@ std::string segment(const std::string& name) {
     if (!std::isalnum(static_cast<unsigned char>(c)) && c != '-') c = '_';
   if (s == "state" || s == "raw") s += '_';  // these two are the device's own
   return s;
-}
-
-/// "StylusToTracker": the pose of Stylus in Tracker, as PLUS names transforms.
-std::optional<std::pair<std::string, std::string>> from_and_to(const std::string& name) {
-  for (std::size_t at = name.find("To", 1); at != std::string::npos; at = name.find("To", at + 1))
-    if (at + 2 < name.size() && std::isupper(static_cast<unsigned char>(name[at + 2])))
-      return std::pair(name.substr(0, at), name.substr(at + 2));
-  return std::nullopt;
 }
 
 bool says_no(const std::string& value) {
@@ -212,13 +205,14 @@ Translator::Stream* Translator::stream(Channel& channel, const Incoming& in, con
   Stream s;
   s.name = base + suffix;
   for (int n = 2; !names_.insert(s.name).second; ++n) s.name = fmt::format("{}_{}{}", base, n, suffix);
-  const auto names = from_and_to(in.header.device);
+  const PlusNames names = split_transform_name(in.header.device);
+  const bool named = names.from != in.header.device;
   if (!tool.empty()) {
     s.body = tool;
     s.reference = in.header.device.empty() ? options_.reference : in.header.device;
   } else {
-    s.body = names ? names->first : in.header.device;
-    s.reference = names ? names->second : options_.reference;
+    s.body = names.from;
+    s.reference = named ? names.to : options_.reference;
   }
   channel.streams.push_back(key);
   return &(streams_[key] = std::move(s));
