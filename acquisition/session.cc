@@ -246,6 +246,21 @@ SessionStatus Session::State::status() {
   return s;
 }
 
+namespace {
+
+/// What does not change during the session stands first, and durably: a crash cannot lose it.
+Result<RecordingWriter> begin_recording(const std::filesystem::path& path, const SessionOptions& options,
+                                        const std::vector<DeviceDescription>& devices) {
+  GNATHION_TRY(RecordingWriter writer, RecordingWriter::create(path, options.recording));
+  GNATHION_CHECK_OK(writer.attach("session.json", "application/json", session_start_json(options, devices)));
+  for (const auto& [name, bytes] : options.attachments)
+    GNATHION_CHECK_OK(writer.attach(name, "application/octet-stream", bytes));
+  GNATHION_CHECK_OK(writer.sync());
+  return writer;
+}
+
+}  // namespace
+
 Session::Session(std::shared_ptr<State> state) : state_(std::move(state)) {}
 
 Result<std::unique_ptr<Session>> Session::start(const std::filesystem::path& path,
@@ -255,13 +270,13 @@ Result<std::unique_ptr<Session>> Session::start(const std::filesystem::path& pat
     return bad_input("cannot start a session", path.string(), "there is no device to record from");
   std::vector<DeviceDescription> descriptions;
   for (const auto& device : devices) descriptions.push_back(device->description());
-  GNATHION_TRY(RecordingWriter writer, RecordingWriter::create(path, options.recording));
-  GNATHION_CHECK_OK(
-      writer.attach("session.json", "application/json", session_start_json(options, descriptions)));
-  for (const auto& [name, bytes] : options.attachments)
-    GNATHION_CHECK_OK(writer.attach(name, "application/octet-stream", bytes));
-  GNATHION_CHECK_OK(writer.sync());
-  auto state = std::make_shared<State>(std::move(writer), std::move(options), clock);
+  auto writer = begin_recording(path, options, descriptions);
+  if (!writer) {
+    std::error_code ec;
+    std::filesystem::remove(path, ec);
+    return tl::unexpected<Error>(writer.error());
+  }
+  auto state = std::make_shared<State>(std::move(*writer), std::move(options), clock);
   for (auto& device : devices) {
     state->lanes.push_back(std::make_unique<State::Lane>());
     state->lanes.back()->device = std::move(device);
