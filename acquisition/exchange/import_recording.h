@@ -35,7 +35,4 @@ Result<ImportSummary> import_plus_sequence(const std::filesystem::path& path, co
                                            std::optional<double> rate_hz, const std::filesystem::path& out,
                                            Progress& progress);
 
-/// "img10" after "img9": digit runs compare as numbers.
-bool natural_less(const std::string& a, const std::string& b);
-
 }  // namespace gnathion

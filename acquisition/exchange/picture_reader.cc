@@ -10,7 +10,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "acquisition/exchange/import_recording.h"
+#include "acquisition/camera/natural_order.h"
 
 namespace gnathion {
 namespace {
@@ -94,8 +94,15 @@ class FolderReader : public PictureReader {
   std::size_t expected() const override { return files_.size(); }
   std::optional<double> own_rate_hz() const override { return std::nullopt; }
   std::vector<std::string> notes() const override {
-    if (others_ == 0) return {};
-    return {fmt::format("{} files that are no images were passed over", others_)};
+    std::vector<std::string> out, names;
+    if (others_ > 0) out.push_back(fmt::format("{} files that are no images were passed over", others_));
+    for (const fs::path& file : files_) names.push_back(file.filename().string());
+    const auto numbers = frame_numbers(names);
+    const std::uint64_t span = numbers ? numbers->back() - numbers->front() + 1 : files_.size();
+    if (span > files_.size())
+      out.push_back(fmt::format("the files' numbers leave out {}; the pictures were taken as consecutive",
+                                span - files_.size()));
+    return out;
   }
 
  private:
@@ -142,30 +149,6 @@ class VideoReader : public PictureReader {
 
 }  // namespace
 
-bool natural_less(const std::string& a, const std::string& b) {
-  const auto digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
-  std::size_t i = 0, j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (!digit(a[i]) || !digit(b[j])) {
-      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
-      ++i;
-      ++j;
-      continue;
-    }
-    const auto run = [&](const std::string& s, std::size_t& at) {
-      while (at < s.size() && s[at] == '0') ++at;
-      const std::size_t begin = at;
-      while (at < s.size() && digit(s[at])) ++at;
-      return s.substr(begin, at - begin);
-    };
-    const std::string x = run(a, i), y = run(b, j);
-    if (x.size() != y.size()) return x.size() < y.size();
-    if (x != y) return x < y;
-  }
-  if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
-  return a < b;  // "img1" and "img01": some order, always the same
-}
-
 Result<std::unique_ptr<PictureReader>> PictureReader::open(const fs::path& path) {
   std::error_code ec;
   if (fs::is_directory(path, ec)) {
@@ -189,7 +172,7 @@ Result<std::unique_ptr<PictureReader>> PictureReader::open(const fs::path& path)
     return bad_input(kWhat, path.string(), "is neither a folder nor a file");
   cv::VideoCapture video;
   try {
-    if (!video.open(path.string(), cv::CAP_FFMPEG)) video.open(path.string());
+    video.open(path.string(), cv::CAP_FFMPEG);  // others try every way, noisily, and disagree about time
   } catch (const cv::Exception& e) {
     return bad_input(kWhat, path.string(), e.what());
   }
