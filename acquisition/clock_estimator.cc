@@ -64,13 +64,14 @@ std::int64_t ClockEstimator::line_delay_ns(std::int64_t device_ns) const {
 /// too late, time goes on at a tenth of its pace until it is right again.
 HostTime ClockEstimator::monotone(std::int64_t candidate_ns, std::int64_t device_ns,
                                   std::int64_t arrival_ns) {
-  std::int64_t host_ns = std::min(candidate_ns, arrival_ns - options_.latency_ns);
+  std::int64_t host_ns = candidate_ns;
   if (last_host_ns_ != INT64_MIN) {
     const std::int64_t jump_ns = std::llround(options_.jump_s * 1e9);
     const std::int64_t step_ns = device_ns - last_device_ns_;
-    const std::int64_t least_ns = step_ns > 0 && step_ns < jump_ns ? step_ns / 10 : 1000;
-    host_ns = std::max(host_ns, last_host_ns_ + std::max<std::int64_t>(least_ns, 1));
+    host_ns = std::max(host_ns, last_host_ns_ + (step_ns > 0 && step_ns < jump_ns ? step_ns / 10 : 1000));
   }
+  host_ns = std::min(host_ns, arrival_ns - options_.latency_ns);
+  if (last_host_ns_ != INT64_MIN) host_ns = std::max(host_ns, last_host_ns_ + 1);
   last_host_ns_ = host_ns;
   return {host_ns};
 }
@@ -129,7 +130,7 @@ void ClockEstimator::take(Point pair, std::int64_t residual_ns) {
   const double drift_ns = estimate_.drift_ppm * 1e-6 * static_cast<double>(pair.device_ns - open_->device_ns);
   if (static_cast<double>(pair.delay_ns - open_->delay_ns) >= drift_ns) return;
   open_ = pair;
-  if (points_.empty()) fit();
+  if (points_.size() < kFewPoints) fit();
 }
 
 void ClockEstimator::fit() {
@@ -162,7 +163,7 @@ void ClockEstimator::drop_points_before_a_step() {
 /// as a prior: drift changes slowly, and cheap crystals are within 100 ppm.
 void ClockEstimator::fit_line() {
   std::vector<Point> points(points_.begin(), points_.end());
-  if (points.empty() && open_) points.push_back(*open_);
+  if (points.size() < kFewPoints && open_) points.push_back(*open_);
   if (points.empty()) return;
   const Point origin = points.back();
   const std::size_t n = points.size();
@@ -175,10 +176,12 @@ void ClockEstimator::fit_line() {
   }
   const double limit = options_.max_drift_ppm * 1e3;  // 1 ppm = 1000 ns/s
   const double prior = drift_prior_ppm_ * 1e3, prior_sigma = drift_prior_sigma_ppm_ * 1e3;
-  double slope = n > kFewPoints && !slopes.empty() ? std::clamp(median(slopes), -limit, limit) : prior;
+  const bool few = n <= kFewPoints;
+  double slope = !few && !slopes.empty() ? std::clamp(median(slopes), -limit, limit) : prior;
   for (std::size_t i = 0; i < n; ++i) work.push_back(y_ns[i] - slope * x_s[i]);
-  double level = median(work);
-  for (int round = 0; round < 5 && n > 1; ++round) {
+  // At the start much may be late at once: the earliest arrival is all there is to go by.
+  double level = few ? *std::min_element(work.begin(), work.end()) : median(work);
+  for (int round = 0; round < 5 && !few; ++round) {
     for (std::size_t i = 0; i < n; ++i) work[i] = std::abs(y_ns[i] - slope * x_s[i] - level);
     std::vector<double> sizes = work;
     const double scale = std::max(kMad * median(sizes), kLeastScaleNs);
