@@ -89,8 +89,9 @@ class HidTransport : public Transport {
   const InstrumentIdentity& identity() const override { return identity_; }
 
  private:
+  /// hidraw fails with EIO once the device has gone, and poll() then fails without an error number.
   TransferStatus status_of(int error) const {
-    if (error == ENODEV || !exists(node_)) return kTransferGone;
+    if (error == ENODEV || error == EIO || error == 0 || !exists(node_)) return kTransferGone;
     if (error == EPIPE) return kTransferStall;
     if (error == EOVERFLOW) return kTransferOverflow;
     if (error == ETIMEDOUT) return kTransferTimeout;

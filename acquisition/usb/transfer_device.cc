@@ -7,7 +7,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kReadPatience{50}, kLookAgain{100}, kLongestBackoff{2000};
+constexpr milliseconds kReadPatience{50}, kLookAgain{50}, kLongestBackoff{2000};
 constexpr int kMaxFailures = 16, kMaxRestarts = 3;  // in a row, before the instrument is opened anew
 constexpr int kLastReads = 256;                     // that are still taken when the device stops
 constexpr std::int64_t kRateWindowNs = 2'000'000'000;
@@ -102,7 +102,7 @@ void TransferDevice::reconnect() {
   session_->advance(clock_.now(), out_);
   if (connect() || stopping_) return;
   // Whether something is plugged in is asked often; what is there and does not work is left alone for longer.
-  const milliseconds wait = std::min(kLongestBackoff, kLookAgain * (1 << std::min(failed_starts_, 5)));
+  const milliseconds wait = std::min(kLongestBackoff, kLookAgain * (1 << std::min(failed_starts_, 6)));
   for (milliseconds waited{0}; waited < wait && !stopping_; waited += kLookAgain)
     finder_->wait_for_change(kLookAgain);
 }

@@ -6,11 +6,13 @@
 #include <linux/usbdevice_fs.h>
 #include <sys/ioctl.h>
 #include <umockdev.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <filesystem>
 
 #include "core/check.h"
 
@@ -20,7 +22,7 @@ namespace {
 using std::chrono::milliseconds;
 
 /// A request that finds nothing is answered "try again" after this long, so that the polling above it does
-/// not spin: the files that stand for device nodes are always readable.
+/// not spin: the files that stand for device nodes are always ready.
 constexpr milliseconds kPolitePause{1};
 constexpr const char* kBus = "/devices/pci0000:00/0000:00:14.0/usb1";
 
@@ -59,6 +61,13 @@ std::string Bed::root() const {
   return copy;
 }
 
+void Bed::share(const std::string& path, const std::string& description) {
+  if (shared_[path]++ == 0) add(bed_, "P: " + path + "\n" + description);
+}
+void Bed::release(const std::string& path) {
+  if (--shared_[path] == 0) remove(bed_, "/sys" + path);
+}
+
 Node::Node(Bed& bed) : bed_(bed), handler_(umockdev_ioctl_base_new()) {
   g_signal_connect(handler_, "handle-ioctl", G_CALLBACK(&Node::ioctl_signal), this);
   g_signal_connect(handler_, "handle-read", G_CALLBACK(&Node::read_signal), this);
@@ -70,7 +79,14 @@ Node::~Node() {
 /// No request reaches this object any more; before its derived part goes.
 void Node::silence() {
   g_signal_handlers_disconnect_by_data(handler_, this);
-  const std::lock_guard lock(mutex_);  // the last one is through
+  {
+    const std::lock_guard lock(mutex_);  // the last one is through
+  }
+  for (const std::string& node : nodes_) umockdev_testbed_detach_ioctl(bed_.get(), node.c_str(), nullptr);
+}
+
+bool Node::is_current(UMockdevIoctlClient* client) const {
+  return !gone_ && node_ == umockdev_ioctl_client_get_devnode(client);
 }
 
 int Node::ioctl_signal(UMockdevIoctlBase*, UMockdevIoctlClient* client, Node* self) {
@@ -86,7 +102,8 @@ bool Node::on_read(UMockdevIoctlClient* client) {
   std::unique_lock lock(mutex_);
   if (queue_.empty() && !gone_)
     changed_.wait_for(lock, kPolitePause, [&] { return !queue_.empty() || gone_; });
-  if (gone_) return answer(client, -1, EIO), true;  // as hidraw answers once the device has gone
+  if (!is_current(client))
+    return answer(client, -1, EIO), true;  // as hidraw answers once the device has gone
   if (queue_.empty()) return answer(client, -1, EAGAIN), true;
   Item item = std::move(queue_.front());
   queue_.pop_front();
@@ -185,7 +202,6 @@ void Usb::unplug() {
     changed_.notify_all();
   }
   remove(bed_.get(), syspath_);
-  umockdev_testbed_detach_ioctl(bed_.get(), node_.c_str(), nullptr);
 }
 
 void Usb::fail_writes(int status) {
@@ -209,7 +225,7 @@ bool Usb::on_ioctl(UMockdevIoctlClient* client) {
   const unsigned long request = umockdev_ioctl_client_get_request(client);
   if (request == USBDEVFS_REAPURB || request == USBDEVFS_REAPURBNDELAY) return reap(client);
   std::unique_lock lock(mutex_);
-  if (gone_ && request != USBDEVFS_DISCARDURB) return answer(client, -1, ENODEV), true;
+  if (!is_current(client) && request != USBDEVFS_DISCARDURB) return answer(client, -1, ENODEV), true;
   switch (request) {
     case USBDEVFS_GET_CAPABILITIES:
       *static_cast<std::uint32_t*>(argument(client)) =
@@ -318,6 +334,8 @@ void Usb::match() {
 
 bool Usb::reap(UMockdevIoctlClient* client) {
   std::unique_lock lock(mutex_);
+  if (!gone_ && !is_current(client))
+    return answer(client, -1, ENODEV), true;  // another one is plugged in now
   if (ended_.empty() && !gone_ && queue_.empty() && on_idle && !waiting_.empty()) {
     lock.unlock();
     std::string bytes = on_idle();
@@ -327,7 +345,7 @@ bool Usb::reap(UMockdevIoctlClient* client) {
   if (ended_.empty() && queue_.empty() && !gone_)
     changed_.wait_for(lock, kPolitePause, [&] { return !queue_.empty() || gone_; });
   match();
-  if (ended_.empty()) return answer(client, -1, gone_ ? ENODEV : EAGAIN), true;
+  if (ended_.empty()) return answer(client, -1, is_current(client) ? EAGAIN : ENODEV), true;
   *static_cast<void**>(argument(client)) = ended_.front();
   ended_.pop_front();
   answer(client, 0);
@@ -354,9 +372,9 @@ void Hid::plug() {
     gone_ = false;
   }
   attach(node_);
-  add(bed_.get(), fmt::format("P: {}\nE: SUBSYSTEM=usb\nE: DEVTYPE=usb_device\nA: manufacturer=Maker\\n\n"
+  bed_.share(usb, fmt::format("E: SUBSYSTEM=usb\nE: DEVTYPE=usb_device\nA: manufacturer=Maker\\n\n"
                               "A: product={}\\n\nA: idVendor={:04x}\\n\nA: idProduct={:04x}\\n\n",
-                              usb, spec_.name, spec_.vendor, spec_.product));
+                              spec_.name, spec_.vendor, spec_.product));
   add(bed_.get(),
       fmt::format("P: {}\nE: SUBSYSTEM=usb\nE: DEVTYPE=usb_interface\nA: bInterfaceNumber={:02x}\\n\n", face,
                   spec_.interface));
@@ -367,7 +385,11 @@ void Hid::plug() {
   add(bed_.get(),
       fmt::format("P: {}\nN: hidraw{}\nE: SUBSYSTEM=hidraw\nE: DEVNAME=/dev/hidraw{}\nL: device=../..\n", raw,
                   number, number));
-  syspaths_ = {"/sys" + usb, "/sys" + face, "/sys" + hid, "/sys" + raw};
+  // The node is a terminal underneath: a line that nobody takes keeps it readable, so that poll() leads to
+  // read().
+  const int other_end = umockdev_testbed_get_dev_fd(bed_.get(), node_.c_str());
+  GNATHION_CHECK(other_end >= 0 && ::write(other_end, "\n", 1) == 1);
+  paths_ = {usb, face, hid, raw};
 }
 
 void Hid::unplug() {
@@ -377,14 +399,18 @@ void Hid::unplug() {
     queue_.clear();
     changed_.notify_all();
   }
-  for (auto path = syspaths_.rbegin(); path != syspaths_.rend(); ++path) remove(bed_.get(), *path);
-  umockdev_testbed_detach_ioctl(bed_.get(), node_.c_str(), nullptr);
+  std::filesystem::remove(bed_.root() + node_);
+  while (paths_.size() > 1) {
+    remove(bed_.get(), "/sys" + paths_.back());
+    paths_.pop_back();
+  }
+  bed_.release(paths_.front());
 }
 
 bool Hid::on_ioctl(UMockdevIoctlClient* client) {
   const unsigned long request = umockdev_ioctl_client_get_request(client);
   const std::lock_guard lock(mutex_);
-  if (gone_) return answer(client, -1, ENODEV), true;
+  if (!is_current(client)) return answer(client, -1, ENODEV), true;
   if (request == HIDIOCGRDESCSIZE) {
     *static_cast<int*>(argument(client)) = static_cast<int>(spec_.report_descriptor.size());
     return answer(client, 0), true;

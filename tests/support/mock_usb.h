@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -26,10 +27,14 @@ class Bed {
   std::string root() const;
   /// A device number that was not used before.
   int fresh_number() { return ++numbers_; }
+  /// A device of sysfs that several interfaces may have in common; it goes with the last of them.
+  void share(const std::string& path, const std::string& description);
+  void release(const std::string& path);
 
  private:
   _UMockdevTestbed* bed_;
   int numbers_ = 1;
+  std::map<std::string, int> shared_;
 };
 
 /// What both kinds share: a node with a handler behind it. Answers come from umockdev's thread.
@@ -56,11 +61,14 @@ class Node {
   virtual bool on_ioctl(_UMockdevIoctlClient* client) = 0;
   bool on_read(_UMockdevIoctlClient* client);
   static void answer(_UMockdevIoctlClient* client, long result, int error = 0);
+  /// False for a file of an earlier plugging: that device is gone for good.
+  bool is_current(_UMockdevIoctlClient* client) const;
   static void* argument(_UMockdevIoctlClient* client);
 
   Bed& bed_;
   _UMockdevIoctlBase* handler_;
   std::string node_;
+  std::vector<std::string> nodes_;  ///< all that ever were: files on them may still be open
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Item> queue_;
@@ -135,7 +143,7 @@ class Hid : public Node {
 
  private:
   HidSpec spec_;
-  std::vector<std::string> syspaths_;  ///< outermost first
+  std::vector<std::string> paths_;  ///< outermost first
 };
 
 }  // namespace gnathion::mock
