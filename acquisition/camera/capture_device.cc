@@ -18,6 +18,7 @@ namespace {
 
 using Backend = CaptureSettings::Backend;
 using std::chrono::milliseconds;
+constexpr double kWarmUpS = 1.0;
 
 std::string first_line(const std::filesystem::path& path) {
   std::ifstream file(path);
@@ -75,7 +76,7 @@ class CaptureDevice : public Device {
       HostTime arrival;
       const FrameReader::Outcome outcome =
           feed_.stopping() ? FrameReader::Outcome::kEnd : reader_->read(clock_, &arrival, &frame);
-      if (feed_.stopping()) return feed_.end();
+      if (feed_.stopping()) return release(), feed_.end();
       if (outcome == FrameReader::Outcome::kFrame) take(std::move(frame), arrival);
       if (outcome == FrameReader::Outcome::kEnd) return end_of_file();
       if (outcome == FrameReader::Outcome::kLost && !recover()) return feed_.end();
@@ -85,19 +86,44 @@ class CaptureDevice : public Device {
   void take(ReadFrame frame, HostTime arrival) {
     SampleHeader header;
     header.stream = stream_;
+    if (frame.bad.empty()) frame.bad = wrong_size(frame.image);
     set_times(frame, arrival, &header);
     const FrameCounter::Place place = counter_.take_next(frame.skipped);
     header.sequence = place.sequence;
     if (place.missing > 0) account_missing(header, place.missing);
-    if (frame.bad.empty()) frame.bad = wrong_size(frame.image);
-    if (!frame.bad.empty()) return feed_.account({header, LedgerSample::Fate::kRejected, 1, frame.bad});
-    feed_.deliver({std::move(header), std::move(frame.image)});
+    if (!frame.bad.empty()) return give(LedgerSample{header, LedgerSample::Fate::kRejected, 1, frame.bad});
+    give(FrameSample{std::move(header), std::move(frame.image)});
+  }
+
+  /// FFmpeg holds the first frames of a URL back and gives them all at once. Only after a while is it known
+  /// when they were captured; until then they wait here.
+  void give(Sample sample) {
+    const HostTime now = header_of(sample).arrival;
+    if (!warm_from_) warm_from_ = now;
+    const bool cold =
+        s_.backend == Backend::kUrl && s_.device_clock && now.seconds_since(*warm_from_) < kWarmUpS;
+    if (held_.empty() && !cold) return hand_over(std::move(sample));
+    held_.push_back(std::move(sample));
+    if (!cold || held_.size() >= s_.queue_frames) release();
+  }
+  void release() {
+    for (Sample& sample : held_) {
+      SampleHeader& header = std::visit([](auto& x) -> SampleHeader& { return x.header; }, sample);
+      if (const auto host = estimator_.host_from_device(header.device))
+        header.capture = mid_exposure(std::min(*host, header.arrival));
+      hand_over(std::move(sample));
+    }
+    held_.clear();
+  }
+  void hand_over(Sample sample) {
+    if (auto* line = std::get_if<LedgerSample>(&sample)) return feed_.account(std::move(*line));
+    feed_.deliver(std::move(std::get<FrameSample>(sample)));
   }
 
   void account_missing(SampleHeader header, std::uint32_t count) {
     header.sequence -= count;
-    feed_.account({std::move(header), LedgerSample::Fate::kMissing, count,
-                   s_.backend == Backend::kFolder ? "counter gap" : "gap in presentation times"});
+    give(LedgerSample{std::move(header), LedgerSample::Fate::kMissing, count,
+                      s_.backend == Backend::kFolder ? "counter gap" : "gap in presentation times"});
   }
 
   /// A frame of another size than the first does not fit the camera's calibration.
@@ -123,9 +149,13 @@ class CaptureDevice : public Device {
       at = estimator_.add(*frame.device, arrival);
       feed_.set_clock(estimator_.estimate());
     }
-    const double rows = frame.image.height_px > 1 ? frame.image.height_px - 1 : 0;
-    const double middle_us = 0.5 * (s_.line_time_us.value_or(0) * rows + s_.exposure_us.value_or(0));
-    header->capture = HostTime{at.ns - std::llround(middle_us * 1e3)};
+    header->capture = mid_exposure(at);
+  }
+
+  HostTime mid_exposure(HostTime exposed_and_read) const {
+    const double rows = height_px_ > 1 ? height_px_ - 1 : 0;
+    const double before_us = 0.5 * (s_.line_time_us.value_or(0) * rows + s_.exposure_us.value_or(0));
+    return {exposed_and_read.ns - std::llround(before_us * 1e3)};
   }
 
   void end_of_file() {
@@ -141,6 +171,8 @@ class CaptureDevice : public Device {
   /// Waits until the camera is there again; false when the device is to stop. Presentation times of a new
   /// connection start anew.
   bool recover() {
+    release();
+    warm_from_.reset();
     feed_.lost(clock_.now(), fmt::format("{} gives no frames any more; trying again", s_.shown));
     milliseconds wait(200);
     while (feed_.pause(wait)) {
@@ -227,6 +259,8 @@ class CaptureDevice : public Device {
   ClockEstimator estimator_;
   FrameCounter counter_;
   int width_px_ = 0, height_px_ = 0;
+  std::optional<HostTime> warm_from_;
+  std::vector<Sample> held_;
   std::thread thread_;
 };
 

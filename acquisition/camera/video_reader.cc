@@ -1,6 +1,8 @@
+#include <dlfcn.h>
 #include <fmt/format.h>
 
 #include <cmath>
+#include <cstdarg>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -30,13 +32,27 @@ std::string fourcc_text(double code) {
   return text;
 }
 
+/// What goes wrong comes back as a value and is told in one line; the libraries are not to print lines of
+/// their own. OpenCV sets FFmpeg's log level anew whenever it opens something, but leaves its callback alone.
+/// libavutil is OpenCV's dependency and not ours: the symbol is there or it is not.
+void be_quiet() {
+  static const bool quiet = [] {
+    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+    using Callback = void (*)(void*, int, const char*, va_list);
+    if (void* symbol = ::dlsym(RTLD_DEFAULT, "av_log_set_callback"))
+      reinterpret_cast<void (*)(Callback)>(symbol)([](void*, int, const char*, va_list) {});
+    return true;
+  }();
+  static_cast<void>(quiet);
+}
+
 class VideoReader : public FrameReader {
  public:
   VideoReader(CaptureSettings settings, std::string where)
       : s_(std::move(settings)), where_(std::move(where)) {}
 
   Status open() {
-    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);  // errors come back as values
+    be_quiet();
     try {
       const bool v4l2 = s_.backend == Backend::kV4l2;
       const bool opened = v4l2 ? capture_.open(s_.source, cv::CAP_V4L2)
