@@ -278,6 +278,20 @@ Chain assembled(const ChainSolution& solution, const std::vector<SurfaceTerm>& t
   return chain;
 }
 
+/// Says how fine the face scans are, and whether that is fine enough.
+void judge_face_scans(const std::vector<SurfaceTerm>& terms, const TriangleMesh& mandible, Chain& chain) {
+  constexpr std::size_t kTeeth = 500;
+  std::vector<Vector3> teeth_in_bow_mm;
+  const std::size_t step = mandible.vertices_mm.size() / kTeeth + 1;
+  for (std::size_t v = 0; v < mandible.vertices_mm.size(); v += step)
+    teeth_in_bow_mm.push_back(chain.bow_from_dental.value * mandible.vertices_mm[v]);
+  chain.face_mi = face_scan_quality(terms[2].noise, chain.bow_from_face.covariance, teeth_in_bow_mm);
+  chain.face_tp = face_scan_quality(terms[3].noise, chain.bow_from_face_tp.covariance, teeth_in_bow_mm);
+  for (const auto& [name, quality] :
+       {std::pair{"face scan in MI", chain.face_mi}, std::pair{"face scan in TP", chain.face_tp}})
+    if (const auto warning = too_coarse(name, quality)) chain.warnings.push_back(*warning);
+}
+
 Status check_units(const TriangleMesh& mesh, const char* name, double least_mm, double most_mm) {
   if (mesh.empty()) return bad_input("cannot solve chain", name, "missing or empty");
   const double size = bounding_box(mesh).size_mm().maxCoeff();
@@ -333,7 +347,9 @@ Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, 
   progress.begin_step("all poses together", 0.3);
   const std::vector<double> scale_sigmas(kScanners, options.scan_scale_sigma);
   GNATHION_TRY(const ChainSolution solution, solve_poses(poses, terms, scale_sigmas));
-  return assembled(solution, terms, faces);
+  Chain chain = assembled(solution, terms, faces);
+  if (faces) judge_face_scans(terms, scans.mandible_mi, chain);
+  return chain;
 }
 
 }  // namespace gnathion

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "calibration/face_scan_quality.h"
 #include "core/mesh.h"
 #include "core/progress.h"
 #include "core/result.h"
@@ -63,6 +64,10 @@ struct Chain {
   /// Of the four estimated poses' left perturbations, 6 each in the order of ChainState, cross terms
   /// included.
   ChainCovariance joint = ChainCovariance::Zero();
+  FaceScanQuality face_mi, face_tp;
+  /// By name, one line each: "face scan in MI too coarse for T_F: …". The chain stands all the same: its
+  /// covariance is as wide as the scans ask.
+  std::vector<std::string> warnings;
 
   Transform<Bow, Dental> t_d() const { return Transform<Bow, Dental>(bow_from_dental.value); }
   Transform<Bow, FaceScanMi> t_f() const { return Transform<Bow, FaceScanMi>(bow_from_face.value); }

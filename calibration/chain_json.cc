@@ -87,7 +87,10 @@ json pose_json(const ChainPose& pose) {
 }
 
 json chain_json(const Chain& chain) {
-  json j = {{"kind", "chain"}, {"unit", "mm"}, {"bow_from_dental", pose_json(chain.bow_from_dental)}};
+  json j = {{"kind", "chain"},
+            {"unit", "mm"},
+            {"bow_from_dental", pose_json(chain.bow_from_dental)},
+            {"warnings", chain.warnings}};
   if (!chain.has_faces) return j;
   j["bow_from_face"] = pose_json(chain.bow_from_face);
   j["bow_from_face_tp"] = pose_json(chain.bow_from_face_tp);
@@ -100,6 +103,12 @@ json chain_json(const Chain& chain) {
     for (long c = 0; c < chain.joint.cols(); ++c) row.push_back(chain.joint(r, c));
     rows.push_back(std::move(row));
   }
+  const auto quality = [](const FaceScanQuality& q) {
+    return json{{"deviation_mm", q.deviation_mm}, {"t_f_at_teeth_mm", q.at_teeth_mm}};
+  };
+  j["face_scans"] = {{"mi", quality(chain.face_mi)},
+                     {"tp", quality(chain.face_tp)},
+                     {"t_f_at_teeth_limit_mm", kLargestFaceScanError_mm}};
   j["joint"] = {{"poses", kStateNames}, {"covariance", std::move(rows)}};
   return j;
 }
@@ -111,6 +120,9 @@ Result<Chain> chain_from_json(const json& j, const std::string& where) {
   if (j.contains("unit") && j["unit"] != "mm") return bad_input("cannot read chain", where, "unit is not mm");
   Chain chain;
   GNATHION_TRY(chain.bow_from_dental, pose_from_json(j, "bow_from_dental", where));
+  if (j.contains("warnings") && j["warnings"].is_array())
+    for (const json& w : j["warnings"])
+      if (w.is_string()) chain.warnings.push_back(w.get<std::string>());
   chain.has_faces = j.contains("bow_from_face");
   if (!chain.has_faces) {
     chain.joint.block<6, 6>(0, 0) = chain.bow_from_dental.covariance;
@@ -122,6 +134,11 @@ Result<Chain> chain_from_json(const json& j, const std::string& where) {
   GNATHION_TRY(chain.dental_from_face, pose_from_json(j, "dental_from_face", where));
   GNATHION_TRY(chain.bow_motion, pose_from_json(j, "bow_motion", where));
   GNATHION_CHECK_OK(read_joint(j, where, chain));
+  for (const auto& [key, quality] : {std::pair{"mi", &chain.face_mi}, std::pair{"tp", &chain.face_tp}}) {
+    if (!j.contains("face_scans") || !j["face_scans"].is_object() || !j["face_scans"].contains(key)) continue;
+    quality->deviation_mm = number_or(j["face_scans"][key], "deviation_mm", 0.0);
+    quality->at_teeth_mm = number_or(j["face_scans"][key], "t_f_at_teeth_mm", 0.0);
+  }
   return chain;
 }
 

@@ -53,6 +53,7 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
           text += pose_line("bow_from_face", chain.bow_from_face) +
                   pose_line("dental_from_face", chain.dental_from_face) +
                   pose_line("bow_motion", chain.bow_motion);
+        for (const std::string& w : chain.warnings) text += "warning: " + w + "\n";
         return CommandOutput{text, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
       });
 }

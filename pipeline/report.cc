@@ -88,7 +88,16 @@ std::string chain_section(const Chain& chain) {
     add("bow from face scan (TP)", chain.bow_from_face_tp);
     add("upper face, MI from TP", chain.face_mi_from_face_tp);
   }
-  return text + "</table><p>A residual is not an accuracy; the bounds above come from the covariances.</p>";
+  text += "</table>";
+  if (chain.has_faces)
+    text += fmt::format(
+        "<p>Face scans: deviation {:.3f} mm (MI), {:.3f} mm (TP) on the bow; T_F predicted to {:.3f} and "
+        "{:.3f} mm "
+        "RMS at the teeth, {:.2f} allowed.</p>",
+        chain.face_mi.deviation_mm, chain.face_tp.deviation_mm, chain.face_mi.at_teeth_mm,
+        chain.face_tp.at_teeth_mm, kLargestFaceScanError_mm);
+  for (const std::string& w : chain.warnings) text += "<p class=fail>" + xml_escaped(w) + "</p>";
+  return text + "<p>A residual is not an accuracy; the bounds above come from the covariances.</p>";
 }
 
 std::string number(const json& j) {

@@ -54,6 +54,11 @@ TEST_P(ChainOnPhantom, FindsTruth) {
   const auto chain = solve_chain(scans, {}, silent);
   ASSERT_TRUE(chain) << chain.error().line();
 
+  // The phantom's face scanner is fine enough for T_F, and says how fine it is.
+  EXPECT_TRUE(chain->warnings.empty()) << chain->warnings.front();
+  EXPECT_NEAR(chain->face_mi.deviation_mm, 0.058, 0.02);  // 0.05 white, 0.03 correlated
+  EXPECT_GT(chain->face_mi.at_teeth_mm, 0.0);
+
   const TriangleMesh& arch = patient.jaws.mandible_mi;
   const ErrorAtTeeth t_d =
       error_at_teeth(chain->bow_from_dental.value, patient.bow_from_dental.rigid, {}, arch);
