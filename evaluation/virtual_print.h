@@ -27,10 +27,12 @@ struct PrintErrorModel {
   double waviness_length_mm = 8.0;
 };
 struct SeatingModel {
-  double shift_sigma_mm = 0.12;  ///< of the splint on the maxilla, along each axis of the arch
+  /// Of the splint on the maxilla, along each axis of the arch; upwards teeth are in the way, so that this
+  /// part only ever leaves the splint away from the maxilla.
+  double shift_sigma_mm = 0.12;
   double turn_sigma_deg = 0.18;  ///< about each axis
   double slide_sigma_mm = 0.13;  ///< of the mandible on the splint, each way in the occlusal plane
-  double bite_sigma_mm = 0.06;   ///< across it
+  double bite_sigma_mm = 0.06;   ///< across it, away from the splint
   double slide_turn_sigma_deg = 0.18;
 };
 struct ScanErrorModel {

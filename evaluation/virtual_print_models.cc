@@ -155,7 +155,8 @@ TriangleMesh scan_virtually(const TriangleMesh& surface, const ArchFrame& arch, 
 
 Rigid3 drawn_motion(const ArchFrame& arch, const Vector3& shift_sigma_mm, double turn_sigma_deg,
                     Random& random) {
-  const Vector3 shift = shift_sigma_mm.cwiseProduct(random.normal3());
+  Vector3 shift = shift_sigma_mm.cwiseProduct(random.normal3());
+  shift.z() = -std::abs(shift.z());
   const Vector3 turn = turn_sigma_deg * std::numbers::pi / 180 * random.normal3();
   return arch.dental_from_arch() * Rigid3{exp_so3(turn), shift} * arch.arch_from_dental;
 }

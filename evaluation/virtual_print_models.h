@@ -18,7 +18,8 @@ TriangleMesh print_virtually(const TriangleMesh& design, const ArchFrame& arch, 
 TriangleMesh scan_virtually(const TriangleMesh& surface, const ArchFrame& arch, const ScanErrorModel& model,
                             Random& random);
 
-/// Rigid motion with normally distributed shifts and turns about the arch's axes and origin.
+/// Rigid motion with normally distributed shifts and turns about the arch's axes and origin; the vertical
+/// shift is taken downwards, away from what lies above.
 Rigid3 drawn_motion(const ArchFrame& arch, const Vector3& shift_sigma_mm, double turn_sigma_deg,
                     Random& random);
 

@@ -140,7 +140,9 @@ TEST(VirtualPrint, DrawnMotionTurnsAboutTheArch) {
   constexpr int kDraws = 2000;
   for (int i = 0; i < kDraws; ++i) {
     const Rigid3 m = drawn_motion(arch(), {0.1, 0.1, 0.05}, 0.2, random);
-    shift2 += (m * arch().origin_mm - arch().origin_mm).squaredNorm();
+    const Vector3 shift = m * arch().origin_mm - arch().origin_mm;
+    EXPECT_LE(shift.dot(arch().up), 1e-9) << "the splint was pushed into the teeth";
+    shift2 += shift.squaredNorm();
     turn2 += std::pow(m.angle_rad() * 180 / M_PI, 2);
   }
   EXPECT_NEAR(std::sqrt(shift2 / kDraws), std::sqrt(0.0225), 0.01);

@@ -16,7 +16,7 @@ std::string title_of(const ProcedureResult& p, const SplintEvaluation& s) {
 }
 
 std::string statistics_text(const PointStatistics& p) {
-  return fmt::format("N {}, AVG {:+.3f} mm, STD {:.3f} mm", p.n, p.avg_mm, p.std_mm);
+  return fmt::format("N {}, AVG {} mm, STD {:.3f} mm", p.n, signed_number(p.avg_mm, 3, true), p.std_mm);
 }
 
 /// The scan where it was measured, coloured by its distances.
@@ -56,7 +56,7 @@ Result<EvaluationFigure> distance_map(const ProcedureResult& p, const SplintEval
   options.scale_bar = false;
   std::vector<DistanceMapView> views;
   for (const Vector3& towards : looks(p.procedure, s.arch)) {
-    GNATHION_TRY(RenderedView view, render_view({item}, {}, {towards, s.arch.anterior, 1.0}, options));
+    GNATHION_TRY(RenderedView view, render_view({item}, {}, {towards, s.arch.anterior, 0.95}, options));
     views.push_back(
         {std::move(view.png), std::move(view.jpeg), view.width_px, view.height_px, view.px_per_mm});
   }
@@ -152,9 +152,9 @@ EvaluationFigure profile_figure(const SplintEvaluation& s, const ProfileFigures&
   add("mandible in TP, model", stroked(palette::kMandible, 1.1, {7, 1.5, 1.5, 1.5}), s.mandible_tp.get());
   add("mandible, scanned", stroked(palette::kMandible, 0.9, {2, 2}), &bodies.mandible_scan);
   add("occlusal surface in TP", stroked(palette::kOcclusalTp, 1.0, {1.2, 1.2}), &bodies.occlusal_tp);
-  add("inner surface, planned", stroked(palette::kInner, 1.3), &bodies.inner);
-  add("outer surface, planned", stroked(palette::kOuter, 1.3), &bodies.outer);
-  if (printed) add("splint, printed", stroked(palette::kSplint, 1.6), &bodies.splint_scan);
+  add("inner surface, planned", stroked(palette::kInner, 2.2), &bodies.inner);
+  add("outer surface, planned", stroked(palette::kOuter, 2.2), &bodies.outer);
+  if (printed) add("splint, printed", stroked(palette::kSplint, 0.9), &bodies.splint_scan);
 
   const Point2 half = palate ? Point2(33, 20) : Point2(11, 10);
   EvaluationFigure figure;
@@ -203,11 +203,13 @@ std::string file_part(const std::string& name) {
 }
 
 double map_range_mm(const std::vector<SplintEvaluation>& splints) {
-  double largest = 0.02;
+  std::vector<double> stds;
   for (const SplintEvaluation& s : splints)
-    for (const ProcedureResult& p : s.procedures) largest = std::max(largest, p.field.all.std_mm);
-  for (const double range : {0.05, 0.1, 0.2, 0.3, 0.5, 0.8})
-    if (range >= 2.5 * largest) return range;
+    for (const ProcedureResult& p : s.procedures) stds.push_back(p.field.all.std_mm);
+  if (stds.empty()) return 0.3;
+  std::nth_element(stds.begin(), stds.begin() + static_cast<std::ptrdiff_t>(stds.size() / 2), stds.end());
+  for (const double range : {0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.8})
+    if (range >= 2.5 * stds[stds.size() / 2]) return range;
   return 1.0;
 }
 

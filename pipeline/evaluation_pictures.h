@@ -18,8 +18,8 @@ struct EvaluationFigure {
   bool is_map = false;  ///< holds a rendered view: kept as PNG beside the report, not as SVG
 };
 
-/// The colours' range for all maps of a report, so that they can be compared: about 2.5 of the largest STD,
-/// round.
+/// The colours' range for all maps of a report, so that they can be compared: about 2.5 of the median STD,
+/// round. Larger distances take the end colours.
 double map_range_mm(const std::vector<SplintEvaluation>& splints);
 
 /// Error bars over splints and radar over procedures; empty without tables.

@@ -146,8 +146,8 @@ class Packer {
 };
 
 std::string facts_of(const ProcedureResult& p) {
-  std::string text = fmt::format("N {}, AVG {:+.3f} mm, STD {:.3f} mm", p.field.all.n, p.field.all.avg_mm,
-                                 p.field.all.std_mm);
+  std::string text = fmt::format("N {}, AVG {} mm, STD {:.3f} mm", p.field.all.n,
+                                 signed_number(p.field.all.avg_mm, 3, true), p.field.all.std_mm);
   if (p.motion)
     text += fmt::format("; α {:.3f}°, t {:.3f} mm, largest at the teeth {:.3f} mm", p.motion->alpha_deg,
                         p.motion->t_mm, p.motion->max_tooth_mm);

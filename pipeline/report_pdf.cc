@@ -146,6 +146,14 @@ class Setter {
   }
 
   static constexpr double kCell = 7.2, kPad = 8;
+  static double longest_word(const std::string& text, bool bold) {
+    double longest = 0;
+    for (std::size_t from = 0, to = 0; from <= text.size(); from = to + 1) {
+      to = std::min(text.find(' ', from), text.size());
+      longest = std::max(longest, text_width_pt(text.substr(from, to - from), kCell, bold));
+    }
+    return longest;
+  }
   /// Numbers have what they need; text columns share the rest.
   static std::vector<double> column_widths(const ReportTable& t) {
     std::vector<double> widths(t.columns.size(), 0);
@@ -154,11 +162,7 @@ class Setter {
       if (c < t.text_columns) {
         widths[c] = text_width_pt(t.columns[c], kCell, true);
       } else {
-        std::size_t from = 0;
-        for (std::size_t to = 0; from <= t.columns[c].size(); from = to + 1) {
-          to = std::min(t.columns[c].find(' ', from), t.columns[c].size());
-          widths[c] = std::max(widths[c], text_width_pt(t.columns[c].substr(from, to - from), kCell, true));
-        }
+        widths[c] = longest_word(t.columns[c], true);
       }
       for (const auto& row : t.rows)
         if (c < row.size()) widths[c] = std::max(widths[c], text_width_pt(row[c], kCell, true));
@@ -172,13 +176,24 @@ class Setter {
       whole += full[c];
     }
     if (whole <= room()) return full;
-    double numbers = 0, text = 0;
-    for (std::size_t c = 0; c < widths.size(); ++c) (c < t.text_columns ? text : numbers) += widths[c];
-    const double rest = std::max(60.0, room() - numbers);
-    if (text > rest)
-      for (std::size_t c = 0; c < std::min(t.text_columns, widths.size()); ++c) widths[c] *= rest / text;
-    if (numbers > room() - 60)
-      for (std::size_t c = t.text_columns; c < widths.size(); ++c) widths[c] *= (room() - 60) / numbers;
+    // Else text columns give way first, down to their longest word, then everything does.
+    double numbers = 0, text = 0, words = 0;
+    std::vector<double> least(widths.size(), 0);
+    for (std::size_t c = 0; c < widths.size(); ++c) {
+      (c < t.text_columns ? text : numbers) += widths[c];
+      if (c >= t.text_columns) continue;
+      least[c] = longest_word(t.columns[c], true);
+      for (const auto& row : t.rows)
+        if (c < row.size()) least[c] = std::max(least[c], longest_word(row[c], false));
+      least[c] = std::min(least[c], 0.45 * room()) + kPad;
+      words += least[c];
+    }
+    const double share = std::clamp((room() - numbers - words) / std::max(1.0, text - words), 0.0, 1.0);
+    double total = numbers;
+    for (std::size_t c = 0; c < std::min(t.text_columns, widths.size()); ++c)
+      total += widths[c] = least[c] + share * std::max(0.0, widths[c] - least[c]);
+    if (total > room())
+      for (double& w : widths) w *= room() / total;
     return widths;
   }
   static std::vector<std::vector<std::string>> cells(const std::vector<std::string>& row,

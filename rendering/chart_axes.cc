@@ -66,8 +66,9 @@ std::string tick_text(double value, double step) {
   return with_minus_sign(fmt::format("{:.{}f}", value, decimals));
 }
 
-std::string signed_number(double value, int decimals) {
-  return with_minus_sign(fmt::format("{:.{}f}", value, decimals));
+std::string signed_number(double value, int decimals, bool plus) {
+  const std::string text = with_minus_sign(fmt::format("{:.{}f}", value, decimals));
+  return plus && value > 0 && text.find_first_of("123456789") != std::string::npos ? "+" + text : text;
 }
 
 std::string grouped(double n) {

@@ -40,8 +40,6 @@ double draw_legend(Drawing* to, const Point2& corner, double width_pt,
 
 /// 12345678 with thin spaces between thousands.
 std::string grouped(double n);
-/// A signed number with a true minus, `decimals` after the point.
-std::string signed_number(double value, int decimals);
 /// The part of a polyline inside a rectangle, as pieces.
 std::vector<Polyline2> clipped(const Polyline2& line, const Point2& low, const Point2& high);
 

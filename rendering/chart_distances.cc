@@ -106,7 +106,7 @@ void draw_color_bar(Drawing& to, const Point2& corner, double height, double ran
   to.rectangle(corner, {kWidth, height}, stroked(kMuted, 0.5));
   TextStyle style;
   style.size_pt = 7.5;
-  const std::vector<double> ticks = axis_ticks(-range_mm, range_mm, 6);
+  const std::vector<double> ticks = axis_ticks(-range_mm, range_mm, 9);
   const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : range_mm;
   double widest = 0;
   for (const double t : ticks) {

@@ -104,6 +104,8 @@ Drawing distance_map_figure(const std::vector<DistanceMapView>& views, double ra
 
 /// Round steps (1, 2, 5 × 10ⁿ) that cover a range.
 std::vector<double> axis_ticks(double low, double high, int about);
+/// A number with a true minus sign, `decimals` after the point; `plus` writes a + before positive ones.
+std::string signed_number(double value, int decimals, bool plus = false);
 /// A number with the tick step's decimals, and a true minus sign.
 std::string tick_text(double value, double step);
 
