@@ -1,7 +1,10 @@
 // Writes recordings of every kind and origin into a folder, for the official reader to judge.
+// Usage: recording_samples FOLDER, or recording_samples --seeds FOLDER for the fuzzer's
+// (tests/fuzz/corpus/recording).
 #include <cstdio>
 #include <filesystem>
 
+#include "acquisition/mcap_format.h"
 #include "acquisition/session.h"
 #include "core/file.h"
 #include "tests/support/synthetic_device.h"
@@ -93,12 +96,59 @@ Status write_all(const fs::path& folder) {
   return write_empty(folder / "empty.mcap");
 }
 
+/// Every kind of sample once or twice, as small as can be.
+Status write_seed(const fs::path& path, const std::string& compression) {
+  RecordingOptions options;
+  options.compression = compression;
+  options.max_chunk_ns = 20;
+  GNATHION_TRY(RecordingWriter writer, RecordingWriter::create(path, options));
+  GNATHION_CHECK_OK(writer.attach("rig.toml", "text/plain", "x"));
+  for (std::uint32_t i = 0; i < 6; ++i) {
+    const std::int64_t now_ns = 1000 + 9 * i;
+    const auto header = [&](const char* stream) {
+      return SampleHeader{stream, i == 4 ? 9 : i, {now_ns - 5}, {now_ns}, {i}};
+    };
+    GNATHION_CHECK_OK(writer.write(FrameSample{header("camera_0"), Image8(4, 3, 7)}));
+    GNATHION_CHECK_OK(writer.write(PoseSample{header("tracker"), "t", "s", i % 2 == 0, "far", {}}));
+    GNATHION_CHECK_OK(writer.write(TransferSample{header("pedal/raw"), 0x81, -7, "ab"}));
+    GNATHION_CHECK_OK(writer.write(EventSample{header("pedal"), "MI", true, "x"}));
+  }
+  const SampleHeader h{"face", 0, {1100}, {1100}, {3}};
+  GNATHION_CHECK_OK(writer.write(ScanSample{h, "a", {{"a.obj", "v"}, {"a.png", "p"}}, "00", 0.1}));
+  GNATHION_CHECK_OK(writer.write(LedgerSample{h, LedgerSample::Fate::kRejected, 2, "queue full"}));
+  return writer.finish();
+}
+
+/// The same file with every CRC left out (0), so that a fuzzer comes behind them.
+Status write_seed_without_crcs(const fs::path& whole, const fs::path& path) {
+  GNATHION_TRY(std::string bytes, read_file(whole));
+  std::size_t at = mcap::kMagic.size();
+  while (const auto record = mcap::next_record(std::string_view(bytes).substr(at))) {
+    const std::size_t content = at + 9, end = at + record->total_size;
+    const std::map<mcap::Opcode, std::size_t> crc_at = {{mcap::Opcode::kChunk, content + 24},
+                                                        {mcap::Opcode::kAttachment, end - 4},
+                                                        {mcap::Opcode::kDataEnd, content},
+                                                        {mcap::Opcode::kFooter, content + 16}};
+    const auto found = crc_at.find(record->opcode);
+    if (found != crc_at.end()) bytes.replace(found->second, 4, 4, '\0');
+    at = end;
+  }
+  return write_file(path, bytes);
+}
+
+Status write_seeds(const fs::path& folder) {
+  GNATHION_CHECK_OK(write_seed(folder / "every_kind_zstd", "zstd"));
+  GNATHION_CHECK_OK(write_seed(folder / "every_kind_lz4", "lz4"));
+  GNATHION_CHECK_OK(write_seed(folder / "every_kind_plain", ""));
+  return write_seed_without_crcs(folder / "every_kind_plain", folder / "every_kind_without_crcs");
+}
+
 }  // namespace
 }  // namespace gnathion
 
 int main(int argc, char** argv) {
-  if (argc != 2) return 2;
-  const gnathion::Status status = gnathion::write_all(argv[1]);
+  if (argc != 2 && argc != 3) return 2;
+  const gnathion::Status status = argc == 2 ? gnathion::write_all(argv[1]) : gnathion::write_seeds(argv[2]);
   if (!status) std::fprintf(stderr, "%s\n", status.error().line().c_str());
   return status ? 0 : 1;
 }
