@@ -6,7 +6,9 @@
 
 #include "cli/command.h"
 #include "core/file.h"
+#include "core/utc.h"
 #include "pipeline/evaluate_job.h"
+#include "pipeline/evaluation_report.h"
 
 namespace gnathion {
 namespace {
@@ -56,6 +58,7 @@ void add_options(CLI::App& command, Options& o) {
   command.add_option("--printed", o.flags.printed,
                      "what was printed under the rows (printed_totals.csv beside them)");
   command.add_option("--out", o.out, "folder to make");
+  command.add_flag("!--no-pictures", o.flags.pictures, "leave out report.html, report.pdf and the pictures");
   add_limit(command, "--max-avg-mm", t.avg_mm, "exit 3 when a splint's |AVG| passes it");
   add_limit(command, "--max-std-mm", t.std_mm, "exit 3 when a splint's STD passes it");
   add_limit(command, "--max-alpha-deg", t.alpha_deg, "exit 3 when a splint's rotation passes it");
@@ -145,12 +148,18 @@ void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen) {
     GNATHION_CHECK_OK(keeps_inputs(o->out, input_paths(job)));
     GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force, {"evaluation.json"}));
     GNATHION_TRY(const EvaluationOutcome outcome, run_evaluation(job, staged.path(), progress));
+    if (job.pictures && o->flags.pictures) {
+      SystemClock clock;
+      GNATHION_CHECK_OK(
+          write_evaluation_report(outcome, staged.path(), utc_text(clock.now()), progress).map([](auto) {}));
+    }
     GNATHION_CHECK_OK(staged.commit());
     return CommandOutput{summary(outcome, o->out),
                          outcome.report->dump(2, ' ', false, nlohmann::json::error_handler_t::replace),
                          !outcome.accepted()};
   };
   finish_command(*command, chosen, body);
+  add_virtual_print_command(*command, chosen);
   // Its own subcommands are parsed first: they keep what they chose.
   command->callback([command, &chosen, body] {
     if (command->get_subcommands().empty()) chosen.body = body;

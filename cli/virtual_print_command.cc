@@ -6,6 +6,7 @@
 
 #include "cli/command.h"
 #include "core/file.h"
+#include "core/utc.h"
 #include "pipeline/virtual_print_job.h"
 
 namespace gnathion {
@@ -30,6 +31,8 @@ Result<CommandOutput> run(Options& o, const CommonOptions& common, Progress& pro
     return fail(ErrorCode::kUsage, "cannot print virtually", "--maxilla, --mandible, --transform",
                 "they go with one design; several name their own files");
   o.job.mandible_is_in_tp = o.pose == "tp";
+  SystemClock clock;
+  o.job.date_iso = utc_text(clock.now());
   GNATHION_CHECK_OK(keeps_inputs(o.out, input_paths(o.job)));
   GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o.out, common.force, {"virtual_print.json"}));
   GNATHION_TRY(const VirtualPrintOutcome outcome, run_virtual_print(o.job, staged.path(), progress));
