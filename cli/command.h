@@ -48,6 +48,7 @@ void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
 void add_virtual_print_command(CLI::App& evaluate, ChosenCommand& chosen);  // under evaluate
+void add_position_commands(CLI::App& evaluate, ChosenCommand& chosen);      // under evaluate: discrepancy, registration-object
 
 /// Refuses (kUsage) an output file that exists unless forced, whose folder does not exist, or that is one of
 /// the `inputs`, forced or not.

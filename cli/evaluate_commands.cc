@@ -143,6 +143,7 @@ void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen) {
       "evaluate", "printed against planned: the six procedures (exit 3: a given limit is passed)");
   add_options(*command, *o);
   add_virtual_print_command(*command, chosen);
+  add_position_commands(*command, chosen);
   const CommandBody body = [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
     GNATHION_TRY(const EvaluateJob job, job_of(*o));
     GNATHION_CHECK_OK(keeps_inputs(o->out, input_paths(job)));
@@ -160,6 +161,7 @@ void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen) {
   };
   finish_command(*command, chosen, body);
   add_virtual_print_command(*command, chosen);
+  add_position_commands(*command, chosen);
   // Its own subcommands are parsed first: they keep what they chose.
   command->callback([command, &chosen, body] {
     if (command->get_subcommands().empty()) chosen.body = body;
