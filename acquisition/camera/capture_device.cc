@@ -154,7 +154,7 @@ class CaptureDevice : public Device {
 
   HostTime mid_exposure(HostTime exposed_and_read) const {
     const double rows = height_px_ > 1 ? height_px_ - 1 : 0;
-    const double before_us = 0.5 * (s_.line_time_us.value_or(0) * rows + s_.exposure_us.value_or(0));
+    const double before_us = 0.5 * (s_.line_time_us.value_or(0) * rows + reader_->exposure_us);
     return {exposed_and_read.ns - std::llround(before_us * 1e3)};
   }
 
@@ -174,7 +174,7 @@ class CaptureDevice : public Device {
     release();
     warm_from_.reset();
     feed_.lost(clock_.now(), fmt::format("{} gives no frames any more; trying again", s_.shown));
-    milliseconds wait(200);
+    milliseconds wait(50);
     while (feed_.pause(wait)) {
       reader_.reset();  // a camera cannot be opened twice
       auto again = open_reader(s_, where_);
@@ -210,9 +210,10 @@ class CaptureDevice : public Device {
   std::string time_text() const {
     if (!s_.live()) return "presentation time from 0, taken as mid-exposure";
     const std::string base = s_.device_clock ? "presentation times mapped to the host's clock" : "arrival";
-    return fmt::format("{}, less latency {} us, half of exposure {}{}", base, s_.latency_us,
-                       s_.exposure_us ? fmt::format("{} us", *s_.exposure_us) : "(not known: taken as 0)",
-                       s_.line_time_us ? " and half of the readout" : "");
+    return fmt::format(
+        "{}, less latency {} us, half of exposure {}{}", base, s_.latency_us,
+        reader_->exposure_us > 0 ? fmt::format("{} us", reader_->exposure_us) : "(not known: taken as 0)",
+        s_.line_time_us ? " and half of the readout" : "");
   }
 
   void describe_v4l2(DeviceDescription* d) const {

@@ -35,6 +35,8 @@ class FrameReader {
   /// Frames that a file announced and did not have, once it has ended.
   virtual std::uint32_t short_of() const { return 0; }
   virtual double rate_hz() const = 0;  ///< nominal; 0: not known
+  /// As the camera says it is, or as configured where it cannot be asked; 0: not known.
+  double exposure_us = 0;
 
   std::vector<std::string> setting_lines, warning_lines;  ///< for the device's description
 };

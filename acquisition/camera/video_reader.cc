@@ -130,6 +130,7 @@ class VideoReader : public FrameReader {
 
   void refuse_nothing_but_report() {
     const bool url = s_.backend == Backend::kUrl;
+    exposure_us = url ? s_.exposure_us.value_or(0) : 0;
     if (url)
       for (const auto& [name, asked] : {std::pair{"exposure_us", s_.exposure_us}, std::pair{"gain", s_.gain},
                                         std::pair{"focus", s_.focus}})
@@ -159,6 +160,7 @@ class VideoReader : public FrameReader {
       if (capture_.get(cv::CAP_PROP_AUTO_EXPOSURE) != kManualExposure)
         warning_lines.push_back("exposure_us: the camera does not leave automatic exposure");
       set_and_report("exposure_us", cv::CAP_PROP_EXPOSURE, s_.exposure_us, kExposureUnitUs, 0);
+      exposure_us = std::max(0.0, capture_.get(cv::CAP_PROP_EXPOSURE)) * kExposureUnitUs;
     }
     set_and_report("gain", cv::CAP_PROP_GAIN, s_.gain, 1, 0);
     return {};
