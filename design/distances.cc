@@ -9,7 +9,7 @@
 namespace gnathion {
 namespace {
 
-constexpr int kBlock = 4;  // nodes per side of the blocks that are tested as a whole
+constexpr int kBlock = 3;  // nodes per side of the blocks that are tested as a whole
 constexpr double kExactSpacings = 2.5;
 
 /// Searches the nodes of one block.

@@ -4,13 +4,15 @@
 
 #include "design/parallel.h"
 #include "design/solid_distance.h"
+#include "occlusion/contacts.h"
 
 namespace gnathion {
 namespace {
 
 constexpr double kReachMm = 0.15;
 constexpr double kVertexReachMm = 0.4;  // a crest's tip between the grid's nodes
-constexpr int kRounds = 6;
+constexpr double kStepMm = 0.15;        // between points that are looked at: finer than the verification's
+constexpr int kRounds = 8;
 constexpr int kAttempts = 4;  // after moves were taken back, smaller ones may do
 
 struct Push {
@@ -30,22 +32,26 @@ std::vector<Vector3> ways_out(const std::vector<Vector3>& points, const MeshQuer
   return ways;
 }
 
-/// Corners and centres of the listed triangles that are inside the solid.
+/// Corners of the listed triangles, and points between them, that are inside the solid.
 void push_triangles(const TriangleMesh& mesh, const std::vector<std::uint32_t>& triangles,
                     const MeshQuery& solid, double tolerance_mm, std::vector<Push>& pushes) {
   std::vector<std::uint32_t> corners;
-  for (const std::uint32_t t : triangles)
+  std::vector<bool> listed(mesh.triangles.size(), false);
+  for (const std::uint32_t t : triangles) {
     corners.insert(corners.end(), mesh.triangles[t].begin(), mesh.triangles[t].end());
+    listed[t] = true;
+  }
   std::sort(corners.begin(), corners.end());
   corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
+  const std::vector<SurfaceSample> between = sample_surface(mesh, kStepMm, listed);
   std::vector<Vector3> points;
   for (const std::uint32_t v : corners) points.push_back(mesh.vertices_mm[v]);
-  for (const std::uint32_t t : triangles)
-    points.push_back((mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0);
+  for (const SurfaceSample& sample : between) points.push_back(sample.p_mm);
   const std::vector<Vector3> ways = ways_out(points, solid, tolerance_mm);
   for (std::size_t i = 0; i < corners.size(); ++i) pushes[corners[i]].take(ways[i]);
-  for (std::size_t i = 0; i < triangles.size(); ++i)
-    for (const std::uint32_t v : mesh.triangles[triangles[i]]) pushes[v].take(ways[corners.size() + i]);
+  for (std::size_t i = 0; i < between.size(); ++i)
+    for (const std::uint32_t v : mesh.triangles[between[i].triangle])
+      pushes[v].take(ways[corners.size() + i]);
 }
 
 /// Vertices of the jaw inside the splint push the triangle that they pierced along their own normal. Returns

@@ -13,7 +13,8 @@ namespace gnathion {
 namespace {
 
 constexpr double kClearCosine = 0.9;   // faces have 1; beside edges and vertices rays are asked
-constexpr double kOnSurfaceMm = 0.03;  // nearer than this the normal is right unless it lies across
+constexpr double kOnSurfaceMm = 0.03;  // nearer than this the normal is right unless it lies across ...
+constexpr double kCarefulMm = 0.004;   // ... or the scan folds; measurements ask rays down to here
 
 /// Downwards and askew to the axes, edges and symmetry planes of any scan.
 const Vector3 kDirections[3] = {Vector3(0.3217, 0.4871, -0.8119).normalized(),
@@ -25,12 +26,12 @@ bool odd(const MeshQuery& solid, const Vector3& p, int direction) {
 }
 
 /// So near to the surface that the closest normal tells the side.
-bool side_by_normal(const Vector3& p_mm, const SignedDistance& d) {
+bool side_by_normal(const Vector3& p_mm, const SignedDistance& d, double on_surface_mm = kOnSurfaceMm) {
   const double distance = std::abs(d.distance_mm);
   if (distance < 1e-4) return true;
   const Vector3 way = p_mm - d.closest.point_mm;
   const double cosine = way.dot(d.closest.normal) / (way.norm() * d.closest.normal.norm() + 1e-300);
-  return distance < kOnSurfaceMm && std::abs(cosine) >= kClearCosine;
+  return distance < on_surface_mm && std::abs(cosine) >= kClearCosine;
 }
 
 /// The normal's word if a ray agrees, else the majority of three.
@@ -55,6 +56,10 @@ std::optional<SignedDistance> solid_distance(const MeshQuery& solid, const Vecto
   return found;
 }
 
+SolidGroup::SolidGroup(const MeshQuery& solid) : SolidGroup(solid, kOnSurfaceMm) {}
+SolidGroup::SolidGroup(const MeshQuery& solid, double on_surface_mm)
+    : solid_(solid), on_surface_mm_(on_surface_mm), local_(solid) {}
+
 void SolidGroup::measure(std::vector<Point>& points) {
   if (points.empty()) return;
   Box box;
@@ -71,7 +76,7 @@ void SolidGroup::measure(std::vector<Point>& points) {
     p.found = found.has_value();
     if (!found) continue;
     p.distance = *found;
-    if (!side_by_normal(p.p_mm, p.distance)) order_.push_back(i);
+    if (!side_by_normal(p.p_mm, p.distance, on_surface_mm_)) order_.push_back(i);
   }
   // From the farthest on: each has its side from one before it whose ball meets its own, or by rays.
   std::sort(order_.begin(), order_.end(), [&](std::size_t a, std::size_t b) {
@@ -99,7 +104,7 @@ std::vector<SolidHit> solid_hits(const MeshQuery& solid, const std::vector<Vecto
   if (points.empty()) return out;
   const PointGroups groups = grouped_by_place(points, group_side_mm(points, solid.mesh()));
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), 16), [&](const auto& range) {
-    SolidGroup group(solid);
+    SolidGroup group(solid, kCarefulMm);
     std::vector<SolidGroup::Point> members;
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       members.clear();

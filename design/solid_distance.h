@@ -18,7 +18,9 @@ std::optional<SignedDistance> solid_distance(const MeshQuery& solid, const Vecto
 /// reach the surface lies on one side of it, so most points have their side from a neighbour and ask no ray.
 class SolidGroup {
  public:
-  explicit SolidGroup(const MeshQuery& solid) : solid_(solid), local_(solid) {}
+  explicit SolidGroup(const MeshQuery& solid);
+  /// `on_surface_mm`: nearer than this the closest normal tells the side.
+  SolidGroup(const MeshQuery& solid, double on_surface_mm);
   struct Point {
     Vector3 p_mm;
     double reach_mm = 0.0;
@@ -30,6 +32,7 @@ class SolidGroup {
 
  private:
   const MeshQuery& solid_;
+  double on_surface_mm_;
   LocalQuery local_;
   std::vector<std::size_t> order_;
 };

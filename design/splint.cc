@@ -8,6 +8,7 @@
 #include "design/extraction.h"
 #include "design/gates.h"
 #include "design/pressing.h"
+#include "design/simplification.h"
 #include "design/splint_field.h"
 #include "design/verification_steps.h"
 #include "occlusion/crowns.h"
@@ -98,13 +99,16 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     steps.begin("shells and stamp", 0.25);
     const SplintField field(preparation, parameters);
 
-    steps.begin("extraction", 0.3);
+    steps.begin("extraction", 0.25);
     LargestPiece pieces = largest_piece(extract(field));
     warn_of_pieces(pieces, design.warnings);
     if (pieces.mesh.empty())
       return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");
 
-    steps.begin("pressing", 0.15);
+    steps.begin("simplification", 0.1);
+    pieces.mesh = simplified(pieces.mesh, field);
+
+    steps.begin("pressing", 0.1);
     press_free_of_jaws(pieces.mesh, field, kPressToleranceMm);
     const FinishedSplint splint(std::move(pieces.mesh), field);
 

@@ -2,10 +2,12 @@
 
 #include "design/solid_distance.h"
 #include "design/verification_steps.h"
+#include "occlusion/contacts.h"
 
 namespace gnathion {
 namespace {
 
+constexpr double kStepMm = 0.2;
 constexpr double kReachMm = 0.2;  // a surface that goes deeper passes through this depth on its way
 
 /// Deepest of the points inside the solid.
@@ -15,11 +17,10 @@ double deepest(const std::vector<Vector3>& points, const MeshQuery& solid) {
   return depth;
 }
 
-std::vector<Vector3> corners_and_centres(const TriangleMesh& mesh) {
+/// Vertices, and points between them no farther apart than kStepMm.
+std::vector<Vector3> points_on(const TriangleMesh& mesh) {
   std::vector<Vector3> points = mesh.vertices_mm;
-  points.reserve(points.size() + mesh.triangles.size());
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
-    points.push_back((mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0);
+  for (const SurfaceSample& sample : sample_surface(mesh, kStepMm)) points.push_back(sample.p_mm);
   return points;
 }
 
@@ -36,7 +37,7 @@ std::vector<Vector3> within(const TriangleMesh& jaw, const Box& box) {
 
 void verify_fit(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out) {
   const Box box = bounding_box(splint.mesh());
-  const std::vector<Vector3> points = corners_and_centres(splint.mesh());
+  const std::vector<Vector3> points = points_on(splint.mesh());
   out.maxilla_penetration_mm = std::max(deepest(points, preparation.maxilla),
                                         deepest(within(preparation.maxilla.mesh(), box), splint.query));
   out.mandible_penetration_mm = std::max(deepest(points, preparation.mandible),
