@@ -92,16 +92,7 @@ void CameraFeed::set_message(const std::string& message) {
 void CameraFeed::end() {
   std::lock_guard lock(mutex_);
   over_ = true;
-  if (!error_) health_.state = DeviceState::kStopped;
-  changed_.notify_all();
-}
-
-void CameraFeed::fail(Error error) {
-  std::lock_guard lock(mutex_);
-  health_.state = DeviceState::kFailed;
-  health_.message = error.line();
-  error_ = std::move(error);
-  over_ = true;
+  health_.state = DeviceState::kStopped;
   changed_.notify_all();
 }
 
@@ -125,7 +116,6 @@ Result<std::optional<Sample>> CameraFeed::next() {
     changed_.notify_all();
     return sample;
   }
-  if (error_) return tl::unexpected<Error>(*error_);
   return std::nullopt;
 }
 
@@ -140,7 +130,7 @@ DeviceHealth CameraFeed::health() const {
 void CameraFeed::stop() {
   std::lock_guard lock(mutex_);
   stopping_ = true;
-  if (health_.state != DeviceState::kFailed) health_.state = DeviceState::kStopped;
+  health_.state = DeviceState::kStopped;
   changed_.notify_all();
 }
 

@@ -6,7 +6,6 @@
 #include <condition_variable>
 #include <deque>
 #include <mutex>
-#include <optional>
 #include <string>
 
 #include "acquisition/device.h"
@@ -33,8 +32,8 @@ class CameraFeed {
   void set_clock(const ClockEstimate& clock);
   /// A line for whoever looks, while running: "waits for triggers".
   void set_message(const std::string& message);
-  void end();              ///< the file is at its end
-  void fail(Error error);  ///< for good
+  /// Nothing more comes.
+  void end();
   bool stopping() const;
   /// Waits; false as soon as the device is to stop.
   bool pause(std::chrono::milliseconds time);
@@ -58,7 +57,6 @@ class CameraFeed {
   std::deque<HostTime> recent_;  ///< arrivals within the last two seconds
   std::uint32_t events_ = 0;
   DeviceHealth health_;
-  std::optional<Error> error_;
   bool stopping_ = false, over_ = false;
 };
 
