@@ -30,8 +30,10 @@ constexpr std::string_view kAskStations =
     "\x15"
     "0\r";  // ^U: which stations are detected and active
 constexpr std::uint8_t kStations = 0x15;
+/// ^R and ^B: poses in the transmitter's own frame and of the sensor's own axes, whatever was stored.
+constexpr const char* kOwnFrames[] = {"\x12*\r", "\x02*\r"};
 constexpr milliseconds kQuiet{50}, kPatience{2000};
-constexpr std::int32_t kReordered = 1000;  // frames: a counter that falls by more was started anew
+constexpr std::int32_t kReordered = 64;  // frames: a counter that falls by more was started anew
 
 struct PolhemusSettings {
   PolhemusFormat format;
@@ -41,6 +43,19 @@ struct PolhemusSettings {
   milliseconds longest_silence{1000};
   ClockEstimator::Options clock;
 };
+
+/// "^R*" for the bytes of that command.
+std::string printable(const std::string& command) {
+  std::string text;
+  for (const char c : command) {
+    if (c == '\r') continue;
+    if (static_cast<unsigned char>(c) < 0x20)
+      text += {'^', static_cast<char>(c + '@')};
+    else
+      text += c;
+  }
+  return text;
+}
 
 /// Product number in a device descriptor (USB 2.0, table 9-8).
 std::uint16_t product_in(const std::string& descriptor) {
@@ -94,7 +109,7 @@ class PolhemusSession : public TransferSession {
   void take(const PolhemusRecord& record, const SampleHeader& at, std::deque<Sample>& out);
   void take(const PolhemusPose& pose, const SampleHeader& at, std::deque<Sample>& out);
   bool in_order(Station* station, const SampleHeader& at, std::deque<Sample>& out);
-  void start_clock();
+  void restart_timer();
   void missing(const Station& station, std::uint32_t count, const SampleHeader& at, std::deque<Sample>& out);
   void flush(const SampleHeader& at, std::deque<Sample>& out);
   std::string why_invalid(const PolhemusPose& pose) const;
@@ -127,11 +142,12 @@ Status PolhemusSession::start(TransferIo& io) {
   commands.insert(commands.end(), settings_.commands.begin(), settings_.commands.end());
   for (const std::string& command : commands)
     if (!io.write(command))
-      return failed(fmt::format("it does not take the command '{}'", command.substr(0, command.size() - 1)));
+      return failed(fmt::format("it does not take the command '{}'", printable(command)));
   GNATHION_TRY(const PolhemusReply stations, stations_reply(io));
   for (const PolhemusReply& reply : replies_)
     if (const auto error = polhemus_error(reply.error))
-      return failed(fmt::format("it refuses the command '{}': {}", static_cast<char>(reply.command), *error));
+      return failed(fmt::format("it refuses the command '{}': {}",
+                                printable(std::string(1, static_cast<char>(reply.command))), *error));
   sensors_ = sensors_in(stations.body);
   if (sensors_.empty()) return failed("no sensor is connected to it");
   if (!io.write(kContinuous)) return failed("it does not take the command 'C'");
@@ -167,11 +183,11 @@ void PolhemusSession::opened(const TransferSample& descriptors, std::deque<Sampl
   streaming_ = false;
   last_ = descriptors.header;
   for (auto& [number, station] : stations_) station.reopened = true;
-  start_clock();
+  restart_timer();
 }
 
-void PolhemusSession::start_clock() {
-  clock_ = ClockEstimator(settings_.clock);
+/// The estimator notices by itself that the device's clock has jumped, and keeps captures in order.
+void PolhemusSession::restart_timer() {
   timer_ = PolhemusFrameTimer(rate_hz_);
   timed_frame_.reset();
 }
@@ -257,7 +273,7 @@ bool PolhemusSession::in_order(Station* station, const SampleHeader& at, std::de
   }
   if (step > 1) missing(*station, static_cast<std::uint32_t>(step - 1), at, out);
   if (step < 0 && timed_frame_ && static_cast<std::int32_t>(frame - *timed_frame_) < 0) {
-    start_clock();
+    restart_timer();
     tell_state(at.arrival, true, "the tracker's frame counter started anew", out);
   }
   station->reopened = false;
@@ -347,6 +363,7 @@ Result<PolhemusConfig> read_config(const DeviceConfig& from) {
   if (product != "patriot")
     config.products.insert(config.products.end(), std::begin(kLiberty), std::end(kLiberty));
   config.choice = {reader.text("serial"), reader.text("port"), std::nullopt};
+  config.settings.commands.assign(std::begin(kOwnFrames), std::end(kOwnFrames));
   read_geometry(reader, config);
   const std::string filter = reader.choice("filter", {"off", "keep"}, "off");
   if (filter == "off")
@@ -369,7 +386,7 @@ Result<PolhemusConfig> read_config(const DeviceConfig& from) {
   config.description.settings = {"unit: centimetres (delivered in mm)", "quaternion: w x y z",
                                  fmt::format("filter: {}", filter)};
   for (const std::string& command : config.settings.commands)
-    config.description.settings.push_back(fmt::format("command: {}", command.substr(0, command.size() - 1)));
+    config.description.settings.push_back(fmt::format("command: {}", printable(command)));
   return config;
 }
 

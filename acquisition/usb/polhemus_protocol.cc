@@ -14,6 +14,11 @@ constexpr std::size_t kMaxReply = 2048;     // "who am I" is the longest, some 3
 constexpr std::size_t kGarbageLine = 4096;  // endless garbage is told in pieces of this size
 constexpr char kContinuous = 'C';
 
+/// The command that pose records of a running tracker name; either case starts it.
+bool is_continuous(char command) {
+  return command == 'C' || command == 'c';
+}
+
 std::uint32_t u32(const char* p) {
   std::array<unsigned char, 4> b;
   std::memcpy(b.data(), p, 4);
@@ -77,7 +82,7 @@ bool PolhemusDecoder::may_be_pose_header(std::string_view bytes) const {
   const std::size_t n = bytes.size();
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
   return starts_with_tag(bytes) && (n < 3 || (byte(2) >= 1 && byte(2) <= kMaxStation)) &&
-         (n < 4 || bytes[3] == kContinuous) && (n < 7 || byte(6) == format_.body_size()) &&
+         (n < 4 || is_continuous(bytes[3])) && (n < 7 || byte(6) == format_.body_size()) &&
          (n < 8 || byte(7) == 0);
 }
 
@@ -111,7 +116,7 @@ PolhemusDecoder::Look PolhemusDecoder::look_at(std::string_view rest, bool more_
   const bool pose = is_pose_header(rest);
   if (!pose) {
     const auto command = static_cast<unsigned char>(rest[3]);
-    if (command == kContinuous || !is_command(command) || size > kHeaderSize + kMaxReply)
+    if (is_continuous(rest[3]) || !is_command(command) || size > kHeaderSize + kMaxReply)
       return Look::kGarbage;
   }
   if (is_cut(rest, size)) return Look::kGarbage;

@@ -9,7 +9,7 @@ void TransferSession::take(const TransferSample& transfer, std::deque<Sample>& o
   if (transfer.endpoint == kDescriptorEndpoint && status == kTransferOk) {
     if (present_) {
       lost(transfer, out);
-      tell_state(transfer.header.arrival, false, "given up after too many errors", out);
+      tell_state(transfer.header.arrival, false, "did not work; opened anew", out);
     }
     if (was_present_) tell_state(transfer.header.arrival, true, "connected again", out);
     present_ = was_present_ = true;

@@ -110,20 +110,23 @@ class UsbTransport : public Transport {
         clock_(clock) {
     const std::size_t size =
         (kReadBytes + endpoints_.in_packet - 1) / endpoints_.in_packet * endpoints_.in_packet;
-    for (Slot& slot : slots_) {
+    for (Slot& slot : *slots_) {
       slot.owner = this;
       slot.buffer.resize(size);
       slot.transfer = libusb_alloc_transfer(0);
       libusb_fill_bulk_transfer(slot.transfer, handle_, endpoints_.in, slot.buffer.data(),
                                 static_cast<int>(size), &UsbTransport::ended, &slot, 0);
     }
-    for (Slot& slot : slots_) submit(slot);
+    for (Slot& slot : *slots_) submit(slot);
   }
 
   ~UsbTransport() override {
-    const bool quiet = land();
-    if (!quiet) return;  // the kernel still owns the buffers: better lost than written to when freed
-    for (Slot& slot : slots_) libusb_free_transfer(slot.transfer);
+    if (!land()) {  // the kernel still owns the buffers: better lost than written to when freed
+      for (Slot& slot : *slots_) slot.owner = nullptr;
+      static_cast<void>(slots_.release());
+      return;
+    }
+    for (Slot& slot : *slots_) libusb_free_transfer(slot.transfer);
     libusb_release_interface(handle_, 0);
     libusb_close(handle_);
   }
@@ -164,7 +167,7 @@ class UsbTransport : public Transport {
   static void LIBUSB_CALL ended(libusb_transfer* transfer) {
     auto* slot = static_cast<Slot*>(transfer->user_data);
     slot->flying = false;
-    slot->owner->take(*slot);
+    if (slot->owner) slot->owner->take(*slot);
   }
 
   void take(Slot& slot) {
@@ -192,24 +195,25 @@ class UsbTransport : public Transport {
   void revive() {
     land();
     if (!done_.empty()) return;  // hand out first what came down
-    if (std::any_of(slots_.begin(), slots_.end(), [](const Slot& s) { return s.flying; })) return;
+    if (any_flying()) return;
     libusb_clear_halt(handle_, endpoints_.in);
     failed_ = false;
-    for (Slot& slot : slots_)
+    for (Slot& slot : *slots_)
       if (!failed_) submit(slot);
   }
 
   /// Cancels what flies and waits until it is down; false if the kernel keeps it.
   bool land() {
     failed_ = true;
-    for (Slot& slot : slots_)
+    for (Slot& slot : *slots_)
       if (slot.flying) libusb_cancel_transfer(slot.transfer);
-    const auto flying = [&] {
-      return std::any_of(slots_.begin(), slots_.end(), [](const Slot& s) { return s.flying; });
-    };
-    for (milliseconds waited{0}; flying() && waited < kCancelPatience; waited += milliseconds(10))
+    for (milliseconds waited{0}; any_flying() && waited < kCancelPatience; waited += milliseconds(10))
       handle_events(milliseconds(10));
-    return !flying();
+    return !any_flying();
+  }
+
+  bool any_flying() const {
+    return std::any_of(slots_->begin(), slots_->end(), [](const Slot& s) { return s.flying; });
   }
 
   void handle_events(milliseconds timeout) {
@@ -223,7 +227,7 @@ class UsbTransport : public Transport {
   InstrumentIdentity identity_;
   Transfer descriptors_;
   Clock& clock_;
-  std::array<Slot, kReads> slots_;
+  std::unique_ptr<std::array<Slot, kReads>> slots_ = std::make_unique<std::array<Slot, kReads>>();
   std::deque<Transfer> done_;
   bool failed_ = false;  ///< reads are down until revive()
 };

@@ -8,6 +8,7 @@
 
 #include "acquisition/usb/pedal_device.h"
 #include "acquisition/usb/polhemus_device.h"
+#include "core/file.h"
 #include "core/random.h"
 #include "tests/support/mock_tracker.h"
 #include "tests/support/pedal_reports.h"
@@ -390,6 +391,18 @@ TEST_F(PedalTest, NamesTheRuleWhereThereIsNoPermission) {
   }
   EXPECT_THAT(said, HasSubstr("no permission for /dev/hidraw"));
   EXPECT_THAT(said, HasSubstr("install packaging/udev/70-gnathion.rules to /etc/udev/rules.d"));
+}
+
+TEST(UdevRules, NameEveryInstrument) {
+  const auto rules = read_file("packaging/udev/70-gnathion.rules");
+  ASSERT_TRUE(rules) << rules.error().line();
+  for (const char* id : {"05f3 00ff", "3553 b001", "0c45 7403", "1a86 e026"}) {
+    const std::string vendor(id, 4), product(id + 5);
+    EXPECT_THAT(*rules, HasSubstr("SUBSYSTEM==\"hidraw\", ATTRS{idVendor}==\"" + vendor +
+                                  "\", ATTRS{idProduct}==\"" + product + "\", MODE=\"0660\""));
+  }
+  EXPECT_THAT(*rules,
+              HasSubstr("ATTR{idVendor}==\"0f44\", ATTR{idProduct}==\"ff20|ff12|ef20|ef12\", MODE=\"0660\""));
 }
 
 }  // namespace
