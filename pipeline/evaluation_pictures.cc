@@ -182,6 +182,14 @@ std::vector<double> measured(const DistanceField& field) {
   return values;
 }
 
+/// A round range that holds all but the tails.
+double histogram_range_mm(const PointStatistics& s) {
+  const double wanted = std::abs(s.avg_mm) + 3.2 * s.std_mm;
+  for (const double range : {0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0})
+    if (range >= wanted) return range;
+  return 3.0;
+}
+
 ErrorBarPanel panel_of(const ProcedureTable& table, const std::string& title) {
   ErrorBarPanel panel;
   panel.title = title;
@@ -253,14 +261,16 @@ Result<std::vector<EvaluationFigure>> distance_maps(const SplintEvaluation& spli
   return figures;
 }
 
-std::vector<EvaluationFigure> distance_histograms(const SplintEvaluation& splint, double range_mm) {
+std::vector<EvaluationFigure> distance_histograms(const SplintEvaluation& splint, double color_range_mm) {
   std::vector<EvaluationFigure> figures;
-  for (const ProcedureResult& p : splint.procedures)
-    figures.push_back(
-        {fmt::format("histogram_{}_{}", file_part(splint.name), procedure_name(p.procedure)),
-         fmt::format("Histogram of signed distances: {}.", title_of(p, splint)),
-         std::make_shared<Drawing>(histogram_chart(histogram_of(measured(p.field), -range_mm, range_mm, 48),
-                                                   "signed distance [mm]", title_of(p, splint)))});
+  for (const ProcedureResult& p : splint.procedures) {
+    const double range = histogram_range_mm(p.field.all);
+    const Histogram histogram = histogram_of(measured(p.field), -range, range, 48);
+    figures.push_back({fmt::format("histogram_{}_{}", file_part(splint.name), procedure_name(p.procedure)),
+                       fmt::format("Histogram of signed distances: {}.", title_of(p, splint)),
+                       std::make_shared<Drawing>(histogram_chart(
+                           histogram, color_range_mm, "signed distance [mm]", title_of(p, splint)))});
+  }
   return figures;
 }
 

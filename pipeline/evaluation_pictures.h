@@ -28,8 +28,8 @@ std::vector<EvaluationFigure> overview_figures(const std::vector<ProcedureTable>
 /// One map for each procedure: the splint from outside and into its cavity, the jaws from their occlusal
 /// side.
 Result<std::vector<EvaluationFigure>> distance_maps(const SplintEvaluation& splint, double range_mm);
-/// One histogram for each procedure.
-std::vector<EvaluationFigure> distance_histograms(const SplintEvaluation& splint, double range_mm);
+/// One histogram for each procedure, over its own range, coloured as the maps.
+std::vector<EvaluationFigure> distance_histograms(const SplintEvaluation& splint, double color_range_mm);
 /// Cross-sections at the planes of the splint's integrity figures, planned beside printed, in the method's
 /// colours.
 std::vector<EvaluationFigure> profile_figures(const SplintEvaluation& splint);

@@ -28,7 +28,7 @@ class Setter {
     end_row();
     const double size = h.level == 1 ? 16 : h.level == 2 ? 13 : 10.5;
     // A heading does not stand alone at the foot of a page.
-    need(size + (h.level <= 2 ? 90 : 70));
+    need(size + (h.level == 2 ? 240 : 200));
     y_ += h.level <= 2 ? 14 : 8;
     for (const std::string& line : text_wrapped(h.text, room(), size, true)) {
       y_ += size * 1.25;

@@ -53,7 +53,8 @@ Histogram histogram_of(const std::vector<double>& values, double low, double hig
   return h;
 }
 
-Drawing histogram_chart(const Histogram& h, const std::string& x_label, const std::string& title) {
+Drawing histogram_chart(const Histogram& h, double color_range, const std::string& x_label,
+                        const std::string& title) {
   Drawing d(300, 204);
   TextStyle head, fact;
   head.bold = true;
@@ -70,11 +71,10 @@ Drawing histogram_chart(const Histogram& h, const std::string& x_label, const st
   draw_y_axis(d, area, 5, "share of points [%]");
   draw_x_axis(d, area, 6, x_label);
   const double width = (h.high - h.low) / static_cast<double>(h.counts.size());
-  const double half = std::max(std::abs(h.low), std::abs(h.high));
   for (std::size_t i = 0; i < h.counts.size(); ++i) {
     if (h.counts[i] <= 0) continue;
     const double x = h.low + width * static_cast<double>(i), y = 100 * h.counts[i] / h.n;
-    Paint paint = filled(diverging_color((x + width / 2) / half));
+    Paint paint = filled(diverging_color((x + width / 2) / color_range));
     paint.stroke = kMuted;
     paint.width_pt = 0.3;
     d.rectangle(area.at(x, y), {area.x_pt(x + width) - area.x_pt(x), area.y_pt(0) - area.y_pt(y)}, paint);

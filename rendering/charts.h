@@ -77,8 +77,9 @@ struct Histogram {
   double n = 0, avg = 0, std = 0;
 };
 Histogram histogram_of(const std::vector<double>& values, double low, double high, std::size_t bins);
-/// Bars in per cent of N, coloured as the distance map of the same range, with AVG and ±1 STD marked.
-Drawing histogram_chart(const Histogram& histogram, const std::string& x_label, const std::string& title);
+/// Bars in per cent of N, coloured as a distance map of ±color_range, with AVG and ±1 STD marked.
+Drawing histogram_chart(const Histogram& histogram, double color_range, const std::string& x_label,
+                        const std::string& title);
 
 /// One outline of a cross-section.
 struct ProfileCurve {

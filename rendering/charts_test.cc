@@ -55,8 +55,8 @@ std::vector<std::pair<std::string, Drawing>> figures() {
   Random random(5);
   std::vector<double> values;
   for (int i = 0; i < 20000; ++i) values.push_back(0.03 + 0.11 * random.normal());
-  out.emplace_back("histogram", histogram_chart(histogram_of(values, -0.5, 0.5, 50), "signed distance [mm]",
-                                                "Splint vs. model, splint 3"));
+  out.emplace_back("histogram", histogram_chart(histogram_of(values, -0.5, 0.5, 50), 0.3,
+                                                "signed distance [mm]", "Splint vs. model, splint 3"));
   Polyline2 ring, big;
   for (int i = 0; i <= 80; ++i) {
     const double a = i * M_PI / 40;
