@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <functional>
-
 #include "acquisition/camera/aravis_device.h"
 #include "acquisition/camera/capture_device.h"
 #include "acquisition/igtl/igtl_device.h"
@@ -15,13 +13,12 @@
 namespace gnathion {
 namespace {
 
-using Opener = std::function<Result<std::unique_ptr<Device>>(const DeviceConfig&, Clock&)>;
-
 /// Every kind of instrument, one line each.
-const std::map<std::string, Opener>& openers() {
-  static const std::map<std::string, Opener> table = {
+std::map<std::string, DeviceOpener>& openers() {
+  static std::map<std::string, DeviceOpener> table = {
       {"aravis", open_aravis_device},
       {"camera", open_capture_device},
+      {"depth_camera", open_depth_camera},
       {"openigtlink", open_igtl_device},
       {"pedal", open_pedal},
       {"polhemus", open_polhemus},
@@ -48,6 +45,10 @@ const char* name_of(DeviceState state) {
       return "stopped";
   }
   return "unknown";
+}
+
+void add_device_kind(const std::string& kind, DeviceOpener opener) {
+  openers()[kind] = std::move(opener);
 }
 
 Result<std::unique_ptr<Device>> open_device(const DeviceConfig& config, Clock& clock) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -46,6 +47,10 @@ class Device : public Source {
   /// next() ends within 200 ms. Idempotent.
   virtual void stop() = 0;
 };
+
+using DeviceOpener = std::function<Result<std::unique_ptr<Device>>(const DeviceConfig&, Clock&)>;
+/// Adds a kind that a layer above this one makes (the phantom). Before the first device is opened.
+void add_device_kind(const std::string& kind, DeviceOpener opener);
 
 /// Opens what the configuration asks for, or says in one line why not. `clock` outlives the device.
 Result<std::unique_ptr<Device>> open_device(const DeviceConfig& config, Clock& clock);

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "pipeline/phantom_device.h"
 #include "pipeline/version.h"
 
 namespace gnathion {
@@ -76,6 +77,7 @@ int run_command_line(int argc, char** argv) {
   app.require_subcommand(1);
   app.footer(kFooter);
   ChosenCommand chosen;
+  add_phantom_device();
   add_demo_commands(app, chosen);
   add_recording_commands(app, chosen);
   add_transform_commands(app, chosen);
