@@ -311,6 +311,17 @@ void Usb::answer_control(void* pointer) {
     std::memcpy(static_cast<char*>(urb->buffer) + 8, d.data(), d.size());
     urb->actual_length = static_cast<int>(d.size());
     urb->status = 0;
+  } else if (on_control && (setup[0] & 0x60) != 0) {  // bits 5 and 6: class or vendor
+    auto* bytes = static_cast<char*>(urb->buffer);
+    const bool in = (setup[0] & USB_DIR_IN) != 0;
+    const auto room = static_cast<std::size_t>(std::max(0, urb->buffer_length - 8));
+    const auto answered = on_control({bytes, 8}, in ? std::string() : std::string(bytes + 8, room));
+    if (answered) {
+      const std::size_t count = in ? std::min(answered->size(), room) : room;
+      if (in) std::memcpy(bytes + 8, answered->data(), count);
+      urb->actual_length = static_cast<int>(count);
+      urb->status = 0;
+    }
   }
   ended_.push_back(urb);
 }

@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -99,6 +100,9 @@ class Usb : public Node {
   std::function<void(const std::string&)> on_write;
   /// Called when a read waits and nothing is queued; may return bytes.
   std::function<std::string()> on_idle;
+  /// Class and vendor requests: the 8 setup bytes and what is sent; returns what is read, or nothing for a
+  /// stall.
+  std::function<std::optional<std::string>(const std::string& setup, const std::string& data)> on_control;
   void fail_writes(int status);  ///< 0: writes work
   void fail_claim(int error);
   int halts_cleared();
