@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench fuzz asan tsan tidy campaign format clean
+.PHONY: all deps build demo test bench bench-recording fuzz asan tsan tidy campaign format clean
 
 all: build
 
@@ -28,6 +28,11 @@ test: build
 
 bench: build
 	@$(BIN)/gnathion_bench --benchmark_counters_tabular=true
+
+# Two cameras for a minute without loss, replay of that, and a hundred kills.
+bench-recording: build
+	@$(BIN)/recording_campaign $(BUILD)/recording_campaign.mcap; rm -f $(BUILD)/recording_campaign.mcap
+	@$(BIN)/recording_kill_test 100
 
 fuzz: deps
 	@cmake --preset fuzz > /dev/null && cmake --build build/fuzz -j $(JOBS) --target mesh_fuzz recording_fuzz transform_fuzz

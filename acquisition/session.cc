@@ -1,6 +1,7 @@
 #include "acquisition/session.h"
 
 #include <fmt/format.h>
+#include <pthread.h>
 
 #include <algorithm>
 #include <atomic>
@@ -284,6 +285,8 @@ Result<std::unique_ptr<Session>> Session::start(const std::filesystem::path& pat
   state->lanes_running = state->lanes.size();
   state->sync_thread = std::thread([s = state.get()] { s->run_sync(); });
   state->writer_thread = std::thread([s = state.get()] { s->run_writer(); });
+  ::pthread_setname_np(state->sync_thread.native_handle(), "sync");
+  ::pthread_setname_np(state->writer_thread.native_handle(), "writer");
   for (auto& lane : state->lanes)
     lane->thread = std::thread([state, l = lane.get()] { state->run_device(*l); });
   return std::unique_ptr<Session>(new Session(std::move(state)));

@@ -1,8 +1,9 @@
 // Records from synthetic instruments until it is killed. Usage: recorder OUT.mcap LOG [WIDTH HEIGHT]
 //
-// LOG gets a DeliveredSample for each sample, and one for each change of what is synced (stream "synced", the
-// bytes in arrival_ns), for the longest sync so far ("longest sync", ns), and for each time this process was
-// not run when it asked to be ("stall", ns).
+// LOG gets a DeliveredSample for each sample, and as such too: each change of what is synced (stream
+// "synced", the bytes in arrival_ns), the longest sync so far ("longest sync", ns), and every 20 ms for how
+// long the machine let this process wait
+// ("waited", the microseconds in sequence).
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -10,6 +11,9 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
 #include <thread>
 
 #include "acquisition/session.h"
@@ -18,21 +22,53 @@
 namespace gnathion {
 namespace {
 
-void log_value(int fd, const char* name, std::int64_t value) {
+void log_value(int fd, const char* name, std::int64_t value, std::uint32_t number = 0) {
   DeliveredSample entry;
   std::strncpy(entry.stream, name, sizeof entry.stream - 1);
+  entry.sequence = number;
   entry.arrival_ns = value;
   GNATHION_CHECK(::write(fd, &entry, sizeof entry) == sizeof entry);
 }
 
-void watch(Session& session, int log) {
+/// What the kernel tells of the session's threads: how long each stood ready without getting a core, and
+/// whether the writer waits for the disk.
+class Waits {
+ public:
+  /// Since the last call: the writer's wait for a core or the disk, and the longest of the other threads.
+  double seconds(double tick_s) {
+    std::map<std::string, double> now;
+    double writer = 0, others = 0;
+    for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+      std::string name, stat;
+      double on_core_ns = 0, waited_ns = 0;
+      std::ifstream(task.path() / "comm") >> name;
+      std::ifstream(task.path() / "schedstat") >> on_core_ns >> waited_ns;
+      const double before = before_.count(task.path()) ? before_[task.path()] : 0;
+      now[task.path()] = waited_ns;
+      double waited_s = 1e-9 * (waited_ns - before);
+      if (name == "writer") {
+        std::getline(std::ifstream(task.path() / "stat"), stat);
+        if (stat.find(") D ") != std::string::npos) waited_s += tick_s;
+        writer += waited_s;
+      } else {
+        others = std::max(others, waited_s);
+      }
+    }
+    before_ = now;
+    return writer + others;
+  }
+
+ private:
+  std::map<std::string, double> before_;
+};
+
+void watch(Session& session, Clock& clock, int log) {
   std::uint64_t synced = 0;
   double longest_sync_s = 0;
+  Waits waits;
+  Stopwatch tick;
   while (true) {
-    const Stopwatch watch;
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    const double stall_s = watch.seconds() - 0.005;
-    if (stall_s > 0.01) log_value(log, "stall", static_cast<std::int64_t>(1e9 * stall_s));
     const SessionStatus status = session.status();
     if (status.synced_bytes != synced) {
       synced = status.synced_bytes;
@@ -42,6 +78,10 @@ void watch(Session& session, int log) {
       longest_sync_s = status.longest_sync_s;
       log_value(log, "longest sync", static_cast<std::int64_t>(1e9 * longest_sync_s));
     }
+    if (tick.seconds() < 0.02) continue;
+    const double waited_s = waits.seconds(tick.seconds());
+    tick.restart();
+    log_value(log, "waited", clock.now().ns, static_cast<std::uint32_t>(1e6 * waited_s));
   }
 }
 
@@ -66,7 +106,7 @@ int record_until_killed(const char* out, const char* log_path, int width, int he
     std::fprintf(stderr, "%s\n", session.error().line().c_str());
     return 1;
   }
-  watch(**session, log);
+  watch(**session, clock, log);
   return 0;
 }
 
