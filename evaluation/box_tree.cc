@@ -63,6 +63,22 @@ struct Four3 {
 inline Four3 four3(const float (*v)[4]) {
   return {four(v[0]), four(v[1]), four(v[2])};
 }
+/// A point, four times over.
+struct Place {
+  Four x, y, z;
+  explicit Place(const Vector3& p)
+      : x(all(static_cast<float>(p.x()))),
+        y(all(static_cast<float>(p.y()))),
+        z(all(static_cast<float>(p.z()))) {}
+  /// Squared distances to four boxes.
+  Four squared_to(const float (&low)[3][4], const float (&high)[3][4]) const {
+    const Four zero = all(0.0f);
+    const Four dx = larger(larger(four(low[0]) - x, x - four(high[0])), zero);
+    const Four dy = larger(larger(four(low[1]) - y, y - four(high[1])), zero);
+    const Four dz = larger(larger(four(low[2]) - z, z - four(high[2])), zero);
+    return dx * dx + dy * dy + dz * dz;
+  }
+};
 inline Four part(Four numerator, Four denominator) {
   return smaller(larger(numerator / larger(denominator, all(1e-30f)), all(0.0f)), all(1.0f));
 }
@@ -144,7 +160,32 @@ BoxTree::BoxTree(const TriangleMesh& mesh) {
   }
 }
 
-bool BoxTree::closest(const TriangleMesh& mesh, const Vector3& p_mm, double reach_mm, Search& search) const {
+void BoxTree::gather(const Vector3& centre_mm, double radius_mm, Entries& entries) const {
+  entries.nodes.clear();
+  if (nodes_.empty()) return;
+  entries.level = static_cast<std::uint32_t>(level_begin_.size() - 1);
+  entries.nodes.push_back(0);
+  const Vector3 local = centre_mm - centre_mm_;
+  const double widened = radius_mm * (1.0 + 2.0 * kSlack) + kSlack * (local.norm() + radius_mm_);
+  const Four limit = all(static_cast<float>(widened * widened));
+  const Place at(local);
+  std::vector<std::uint32_t> below;
+  while (entries.level > 0) {
+    below.clear();
+    for (const std::uint32_t n : entries.nodes) {
+      const Node& node = nodes_[level_begin_[entries.level] + n];
+      const int near = which_at_most(at.squared_to(node.low, node.high), limit);
+      for (std::uint32_t c = 0; c < 4; ++c)
+        if (near >> c & 1) below.push_back(4 * n + c);
+    }
+    if (below.size() > kMostEntries) return;
+    entries.nodes.swap(below);
+    --entries.level;
+  }
+}
+
+bool BoxTree::closest(const TriangleMesh& mesh, const Vector3& p_mm, double reach_mm, Search& search,
+                      const Entries* entries) const {
   if (nodes_.empty()) return false;
   const std::uint32_t first = search.triangle;
   search.triangle = Search::kNone;
@@ -170,27 +211,24 @@ bool BoxTree::closest(const TriangleMesh& mesh, const Vector3& p_mm, double reac
     rough_limit = static_cast<float>(rough * rough);
   };
   tighten();
-  const Eigen::Vector3f q = local.cast<float>();
-  const Four zero = {0, 0, 0, 0};
-  const Four at[3] = {
-      {q.x(), q.x(), q.x(), q.x()}, {q.y(), q.y(), q.y(), q.y()}, {q.z(), q.z(), q.z(), q.z()}};
+  const Place at(local);
 
   struct Entry {
     float squared;
     std::uint32_t level, index;
   };
-  Entry stack[4 * 20];
+  Entry stack[4 * 20 + kMostEntries];
   int depth = 0;
-  stack[depth++] = {0.0f, static_cast<std::uint32_t>(level_begin_.size() - 1), 0};
+  if (entries == nullptr) {
+    stack[depth++] = {0.0f, static_cast<std::uint32_t>(level_begin_.size() - 1), 0};
+  } else {
+    for (const std::uint32_t n : entries->nodes) stack[depth++] = {0.0f, entries->level, n};
+  }
   while (depth > 0) {
     const Entry e = stack[--depth];
     if (e.squared > limit) continue;
     const Node& node = nodes_[level_begin_[e.level] + e.index];
-    Four squared = zero;
-    for (int k = 0; k < 3; ++k) {
-      const Four apart = larger(larger(four(node.low[k]) - at[k], at[k] - four(node.high[k])), zero);
-      squared += apart * apart;
-    }
+    const Four squared = at.squared_to(node.low, node.high);
     const int near = which_at_most(squared, all(limit));
     if (near == 0) continue;
     if (e.level > 0) {
@@ -206,7 +244,7 @@ bool BoxTree::closest(const TriangleMesh& mesh, const Vector3& p_mm, double reac
     }
     const Leaf& leaf = leaves_[e.index];
     Four3 ap = four3(leaf.a);
-    ap = {at[0] - ap.x, at[1] - ap.y, at[2] - ap.z};
+    ap = {at.x - ap.x, at.y - ap.y, at.z - ap.z};
     const Four rough = rough_squared_distances(ap, four3(leaf.ab), four3(leaf.ac));
     const int candidates = near & which_at_most(rough, all(rough_limit));
     for (std::uint32_t c = 0; candidates >> c != 0; ++c) {

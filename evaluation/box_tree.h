@@ -22,11 +22,21 @@ class BoxTree {
     TrianglePoint best;
     static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
   };
+  /// Nodes where all searches from a small neighbourhood may begin, instead of at the root.
+  struct Entries {
+    std::uint32_t level = 0;
+    std::vector<std::uint32_t> nodes;
+  };
+  /// Nodes of one level, few, that hold every triangle within radius_mm of the centre.
+  void gather(const Vector3& centre_mm, double radius_mm, Entries& entries) const;
   /// Closest triangle of `mesh` (the one that it was built of) within reach_mm, exactly, in double precision;
   /// of equally close ones the first. False: nothing within reach (search.triangle is then kept as a start).
-  bool closest(const TriangleMesh& mesh, const Vector3& p_mm, double reach_mm, Search& search) const;
+  /// With `entries`, only triangles below these are asked (besides the start).
+  bool closest(const TriangleMesh& mesh, const Vector3& p_mm, double reach_mm, Search& search,
+               const Entries* entries = nullptr) const;
 
  private:
+  static constexpr std::size_t kMostEntries = 20;
   struct alignas(16) Node {
     float low[3][4], high[3][4];  ///< of four children, about centre_mm_
   };

@@ -1,5 +1,7 @@
 #include "evaluation/space_curve.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <array>
 
@@ -46,7 +48,7 @@ std::vector<std::uint32_t> hilbert_order(const std::vector<Vector3>& points_mm) 
   const double cell = std::max(1e-9, box.size_mm().maxCoeff()) / (kCells - 1);
   // Code above index: one sort of plain numbers.
   std::vector<std::uint64_t> keys(points_mm.size()), sorted(points_mm.size());
-  for (std::size_t i = 0; i < points_mm.size(); ++i) {
+  tbb::parallel_for(std::size_t{0}, points_mm.size(), [&](std::size_t i) {
     std::uint64_t code = (1u << (3 * kBits)) - 1;
     if (points_mm[i].allFinite()) {
       const Vector3 at = (points_mm[i] - box.min_mm) / cell;
@@ -54,7 +56,7 @@ std::vector<std::uint32_t> hilbert_order(const std::vector<Vector3>& points_mm) 
                            static_cast<std::uint32_t>(at.z())});
     }
     keys[i] = code << 32 | static_cast<std::uint32_t>(i);
-  }
+  });
   // Radix sort by the code: three passes of ten bits, each stable.
   for (int pass = 0; pass < 3; ++pass) {
     std::vector<std::size_t> begin(kCells + 1, 0);

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -16,7 +17,7 @@ namespace gnathion {
 namespace {
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-constexpr std::size_t kPointsPerPiece = 4096;
+constexpr std::size_t kPointsPerPiece = 4096, kGroup = 16;
 
 /// Points along the boundary edges, no farther apart than step_mm.
 std::vector<Vector3> boundary_points(const TriangleMesh& mesh, const MeshEdges& edges, double step_mm) {
@@ -130,12 +131,29 @@ void SurfaceDistance::for_each(const std::vector<Vector3>& points_mm, const Rigi
   const std::size_t pieces = (order.size() + kPointsPerPiece - 1) / kPointsPerPiece;
   tbb::parallel_for(std::size_t{0}, pieces, [&](std::size_t piece) {
     const std::size_t end = std::min(order.size(), (piece + 1) * kPointsPerPiece);
-    BoxTree::Search search;
-    for (std::size_t k = piece * kPointsPerPiece; k < end; ++k) {
-      const Vector3 p = mesh_from_points * points_mm[order[k]];
-      if (!p.allFinite()) continue;
-      if (self.tree.closest(self.mesh, p, reach_mm, search))
-        visit(order[k], self.finished(p, search.triangle, search.best));
+    BoxTree::Search search, of_centre;
+    BoxTree::Entries entries;
+    std::array<Vector3, kGroup> p;
+    for (std::size_t begin = piece * kPointsPerPiece; begin < end; begin += kGroup) {
+      const std::size_t count = std::min(kGroup, end - begin);
+      // All of a group is near to what is near to its middle: the tree is entered once.
+      Box box;
+      for (std::size_t i = 0; i < count; ++i) {
+        p[i] = mesh_from_points * points_mm[order[begin + i]];
+        if (p[i].allFinite()) box.extend(p[i]);
+      }
+      if (!box.min_mm.allFinite() || box.min_mm.x() > box.max_mm.x()) continue;
+      const Vector3 centre = box.centre_mm();
+      const double radius = 0.5 * box.size_mm().norm();
+      if (!self.tree.closest(self.mesh, centre, reach_mm + radius, of_centre)) continue;
+      const double to_centre = std::sqrt(of_centre.best.squared_distance);
+      self.tree.gather(centre, std::min(to_centre + 2.0 * radius, reach_mm + radius), entries);
+      search.triangle = of_centre.triangle;
+      for (std::size_t i = 0; i < count; ++i) {
+        if (!p[i].allFinite()) continue;
+        if (self.tree.closest(self.mesh, p[i], reach_mm, search, &entries))
+          visit(order[begin + i], self.finished(p[i], search.triangle, search.best));
+      }
     }
   });
 }
