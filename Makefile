@@ -34,9 +34,10 @@ bench-recording: build
 	@$(BIN)/recording_campaign $(BUILD)/recording_campaign.mcap; rm -f $(BUILD)/recording_campaign.mcap
 	@$(BIN)/recording_kill_test 100
 
+FUZZERS := $(patsubst tests/fuzz/%_fuzz.cc,%,$(wildcard tests/fuzz/*_fuzz.cc))
 fuzz: deps
-	@cmake --preset fuzz > /dev/null && cmake --build build/fuzz -j $(JOBS) --target mesh_fuzz recording_fuzz transform_fuzz
-	@for t in mesh recording transform; do mkdir -p build/fuzz/corpus/$$t; \
+	@cmake --preset fuzz > /dev/null && cmake --build build/fuzz -j $(JOBS) --target $(FUZZERS:%=%_fuzz)
+	@for t in $(FUZZERS); do mkdir -p build/fuzz/corpus/$$t; \
 	  build/fuzz/bin/$${t}_fuzz -max_total_time=60 -rss_limit_mb=2048 build/fuzz/corpus/$$t tests/fuzz/corpus/$$t || exit 1; done
 
 # The long form of the tests: every real jaw pair with every transformation, at 0.1 and 0.2 mm.
