@@ -4,7 +4,42 @@
 
 namespace gnathion {
 
-std::string xml_escaped(std::string_view text) {
+namespace {
+
+/// Length of the UTF-8 character at the start of `text`, or 0 if none stands there.
+std::size_t character_length(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned char first = byte(0);
+  const std::size_t length = first < 0x80                    ? 1
+                             : first >= 0xc2 && first < 0xe0 ? 2
+                             : first >= 0xe0 && first < 0xf0 ? 3
+                             : first >= 0xf0 && first < 0xf5 ? 4
+                                                             : 0;
+  if (length == 0 || length > text.size()) return 0;
+  for (std::size_t i = 1; i < length; ++i)
+    if ((byte(i) & 0xc0) != 0x80) return 0;
+  // Overlong forms, surrogates and what lies beyond U+10FFFF.
+  if (length > 2 && ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f) ||
+                     (first == 0xf0 && byte(1) < 0x90) || (first == 0xf4 && byte(1) > 0x8f)))
+    return 0;
+  return length;
+}
+
+}  // namespace
+
+std::string valid_utf8(std::string_view text) {
+  std::string out;
+  out.reserve(text.size());
+  while (!text.empty()) {
+    const std::size_t length = character_length(text);
+    out += length ? text.substr(0, length) : std::string_view("\xEF\xBF\xBD");
+    text.remove_prefix(length ? length : 1);
+  }
+  return out;
+}
+
+std::string xml_escaped(std::string_view given) {
+  const std::string text = valid_utf8(given);
   std::string out;
   out.reserve(text.size());
   for (const char c : text) switch (c) {

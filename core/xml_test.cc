@@ -13,6 +13,19 @@ TEST(Xml, MarkupInNamesStaysText) {
             "b\xEF\xBF\xBD");
 }
 
+TEST(Xml, WhatIsNotUtf8IsReplacedByteByByte) {
+  const std::string mark = "\xEF\xBF\xBD";
+  EXPECT_EQ(valid_utf8("żuchwa α 𝛼"), "żuchwa α 𝛼");
+  EXPECT_EQ(valid_utf8("a\xff"
+                       "b"),
+            "a" + mark + "b");
+  EXPECT_EQ(valid_utf8("\xc3"), mark) << "cut short";
+  EXPECT_EQ(valid_utf8("\xc0\xaf"), mark + mark) << "overlong";
+  EXPECT_EQ(valid_utf8("\xed\xa0\x80"), mark + mark + mark) << "surrogate";
+  EXPECT_EQ(valid_utf8("\xf4\x90\x80\x80"), mark + mark + mark + mark) << "beyond U+10FFFF";
+  EXPECT_EQ(xml_escaped("<\xfe>"), "&lt;" + mark + "&gt;");
+}
+
 TEST(Xml, Base64OfTheRfcsExamples) {
   const std::pair<const char*, const char*> examples[] = {{"", ""},
                                                           {"f", "Zg=="},

@@ -75,10 +75,14 @@ ReportTable rows_table(const ProcedureTable& p, const ProcedureTable* core) {
   ReportTable t;
   t.caption = title_of(p.procedure);
   t.columns = {"splint", "N", "AVG [mm]", "STD [mm]"};
-  bool motion = false;
-  for (const SplintRow& r : p.splints) motion |= r.alpha_deg.has_value();
+  bool motion = false, teeth = false;
+  for (const SplintRow& r : p.splints) {
+    motion |= r.alpha_deg.has_value();
+    teeth |= r.max_tooth_mm.has_value();
+  }
   if (core) t.columns.insert(t.columns.end(), {"N core", "AVG core [mm]", "STD core [mm]"});
-  if (motion) t.columns.insert(t.columns.end(), {"α [°]", "t [mm]", "largest at teeth [mm]"});
+  if (motion) t.columns.insert(t.columns.end(), {"α [°]", "t [mm]"});
+  if (teeth) t.columns.push_back("largest at teeth [mm]");
   t.columns.insert(t.columns.end(), {"robust z", "outlier"});
   for (const SplintRow& r : p.splints) {
     std::vector<std::string> row = {r.splint, std::to_string(r.n), mm(r.avg_mm, 4), mm(r.std_mm, 4)};
@@ -93,8 +97,8 @@ ReportTable rows_table(const ProcedureTable& p, const ProcedureTable* core) {
     if (motion) {
       row.push_back(maybe(r.alpha_deg));
       row.push_back(maybe(r.t_mm));
-      row.push_back(maybe(r.max_tooth_mm));
     }
+    if (teeth) row.push_back(maybe(r.max_tooth_mm));
     row.push_back(mm(r.robust_z, 1));
     row.push_back(r.outlier ? "outlier" : "");
     t.rows.push_back(row);

@@ -482,7 +482,11 @@
   byId('view-bar').style.background = map + ')';
 
   state.turn = Object.values(views)[0].map((axis) => axis.slice());
-  choose();
-  fit();
-  draw();
+  try {
+    choose();
+    fit();
+    draw();
+  } catch (problem) {
+    status.textContent = 'the 3D view does not work here (' + problem.message + '): see the pictures below';
+  }
 })();

@@ -126,6 +126,19 @@ TEST(Charts, TextFitsItsMeasure) {
   EXPECT_EQ(joined_without, without) << "wrapping loses or doubles text";
 }
 
+TEST(Charts, NamesThatAreNotUtf8SpoilNothing) {
+  const double before = text_width_pt("abc", 8);
+  EXPECT_GT(text_width_pt("a\xff"
+                          "c",
+                          8),
+            0);
+  EXPECT_EQ(text_width_pt("abc", 8), before);
+  Drawing d(50, 20);
+  d.text({2, 12}, "\xc3\x28", {});
+  EXPECT_TRUE(png_bytes(d));
+  EXPECT_EQ(svg_text(d, "\xfe").find('\xfe'), std::string::npos);
+}
+
 TEST(Charts, TicksAreRoundAndCoverTheRange) {
   EXPECT_EQ(axis_ticks(-0.3, 0.3, 6).size(), 7u);
   EXPECT_EQ(tick_text(-0.1, 0.1), "−0.1");

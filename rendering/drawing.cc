@@ -116,7 +116,7 @@ void Drawing::circle(const Point2& centre, double radius_pt, const Paint& paint)
   items_.emplace_back(std::in_place_type<Circle>, Circle{centre, radius_pt, paint});
 }
 void Drawing::text(const Point2& at, std::string text, const TextStyle& style) {
-  if (!text.empty()) items_.emplace_back(std::in_place_type<Text>, Text{at, std::move(text), style});
+  if (!text.empty()) items_.emplace_back(std::in_place_type<Text>, Text{at, valid_utf8(text), style});
 }
 void Drawing::image(const Point2& corner, const Point2& size, std::string png, std::string jpeg) {
   items_.emplace_back(std::in_place_type<Image>, Image{corner, size, std::move(png), std::move(jpeg)});

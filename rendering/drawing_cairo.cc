@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "core/file.h"
+#include "core/xml.h"
 #include "rendering/drawing.h"
 
 namespace gnathion {
@@ -145,7 +146,8 @@ double text_width_pt(const std::string& text, double size_pt, bool bold) {
   }();
   choose_font(context.get(), 100, bold);  // measured large, so that widths do not snap to pixels
   cairo_text_extents_t extents;
-  cairo_text_extents(context.get(), text.c_str(), &extents);
+  // One bad byte would leave the context in error, and every later width zero.
+  cairo_text_extents(context.get(), valid_utf8(text).c_str(), &extents);
   return extents.x_advance * size_pt / 100;
 }
 

@@ -10,7 +10,9 @@
 #include "evaluation/planned_model.h"
 #include "evaluation/virtual_print.h"
 #include "phantom/jaws.h"
+#include "pipeline/design_job.h"
 #include "pipeline/evaluation_report.h"
+#include "pipeline/virtual_print_job.h"
 
 namespace gnathion {
 namespace {
@@ -119,6 +121,46 @@ TEST(VirtualPrintPhantom, ReportOfTrialsStaysSmall) {
   EXPECT_LT(sizes->html_bytes, 15'000'000u);
   EXPECT_LT(sizes->pdf_bytes, 15'000'000u);
   if (!look) fs::remove_all(folder);
+}
+
+/// Real jaws (../shared/data/jaws): two positions of one patient and one of another, side by side. Minutes
+/// long.
+TEST(VirtualPrintReal, DISABLED_PositionsSideBySide) {
+  const char* shared_folder = std::getenv("GNATHION_SHARED");
+  const fs::path data = fs::path(shared_folder ? shared_folder : "../shared") / "data" / "jaws";
+  if (!fs::exists(data)) GTEST_SKIP() << "no real jaws at " << data;
+  const fs::path root = fs::temp_directory_path() / ("gnathion_real_" + std::to_string(::getpid()));
+  VirtualPrintJob job;
+  job.options.trials = 4;
+  SilentProgress silent;
+  for (const auto& [jaws, transform] :
+       {std::pair("cast", "01_open"), {"cast", "08_roll"}, {"crowns", "01_open"}}) {
+    DesignJob design;
+    design.maxilla = fs::absolute(data / jaws / "maxilla.stl");
+    design.mandible = fs::absolute(data / jaws / "mandible_mi.stl");
+    design.transform = fs::absolute(data / jaws / "transforms" / (std::string(transform) + ".txt"));
+    design.pictures = false;
+    design.parameters.voxel_mm = 0.2;
+    const fs::path folder = root / (std::string(jaws) + "_" + transform);
+    fs::create_directories(folder);
+    const auto outcome = run_design(design, folder, silent);
+    ASSERT_TRUE(outcome) << outcome.error().line();
+    if (outcome->accepted()) job.designs.push_back(folder);
+  }
+  ASSERT_GE(job.designs.size(), 2u);
+  fs::create_directories(root / "out");
+  const auto result = run_virtual_print(job, root / "out", silent);
+  ASSERT_TRUE(result) << result.error().line();
+  std::printf("%s", virtual_print_text(*result).c_str());
+  for (const VirtualPrint& p : result->prints) {
+    EXPECT_TRUE(p.refused.empty()) << p.design << ": " << p.refused.front();
+    for (const PredictedProcedure& of : p.procedures) {
+      // A print and three scans with these errors are off by hundredths to tenths of a millimetre.
+      EXPECT_GT(of.std_mm.mean, 0.02) << p.design << " " << of.table.procedure;
+      EXPECT_LT(of.std_mm.mean, 0.5) << p.design << " " << of.table.procedure;
+    }
+  }
+  fs::remove_all(root);
 }
 
 }  // namespace
