@@ -85,8 +85,9 @@ TEST(SurfaceDistance, ExactlyWhatCoreFindsOneByOne) {
       if (!truth) continue;
       EXPECT_NEAR(std::abs(f.distance[i]), std::abs(truth->distance_mm), 1e-12);
       // Away from the boundary (and from surface to the hair) the sides agree too.
-      if (!truth->closest.on_boundary && std::abs(truth->distance_mm) > 1e-9)
+      if (!truth->closest.on_boundary && std::abs(truth->distance_mm) > 1e-9) {
         EXPECT_EQ(f.distance[i] < 0.0, truth->distance_mm < 0.0) << i << " " << truth->distance_mm;
+      }
     }
   }
 }
@@ -100,7 +101,9 @@ TEST(SurfaceDistance, SignsOnAClosedBodyAreThoseOfTheWindingNumber) {
   const SurfaceDistance surface(ball);
   EXPECT_TRUE(surface.closed());
   surface.for_each(points, Rigid3::identity(), 5.0, [&](std::size_t i, const SurfaceFoot& foot) {
-    if (std::abs(foot.signed_mm) > 1e-6) EXPECT_EQ(foot.signed_mm < 0.0, query.inside(points[i])) << i;
+    if (std::abs(foot.signed_mm) > 1e-6) {
+      EXPECT_EQ(foot.signed_mm < 0.0, query.inside(points[i])) << i;
+    }
   });
 }
 
@@ -156,8 +159,12 @@ TEST(DistanceField, PeripheralPointsAreFoundAndLeftOut) {
     const Vector3& v = scan_mesh.vertices_mm[i];
     const double out = std::max(std::abs(v.x()), std::abs(v.y())) - 10.0;
     const bool on_burr = v.x() > 4.9 && v.x() < 5.7;
-    if (out > 0.2 && !on_burr) EXPECT_EQ(f.use[i], PointUse::kBeyondRim);
-    if (out < -0.6 && (v.x() < 4.7 || v.x() > 5.9)) EXPECT_EQ(f.use[i], PointUse::kCore);
+    if (out > 0.2 && !on_burr) {
+      EXPECT_EQ(f.use[i], PointUse::kBeyondRim);
+    }
+    if (out < -0.6 && (v.x() < 4.7 || v.x() > 5.9)) {
+      EXPECT_EQ(f.use[i], PointUse::kCore);
+    }
   }
   // Below the model the distances are negative, beyond the rim too.
   const DistanceField below =

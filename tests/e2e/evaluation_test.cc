@@ -4,13 +4,20 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
 
+#include "core/file.h"
+#include "core/mesh_io.h"
 #include "core/mesh_query.h"
 #include "core/random.h"
+#include "core/transform_io.h"
 #include "design/splint.h"
 #include "evaluation/planned_model.h"
 #include "phantom/jaws.h"
 #include "phantom/scanner.h"
+#include "pipeline/evaluate_job.h"
 
 namespace gnathion {
 namespace {
@@ -173,7 +180,8 @@ void expect_figures(const SplintEvaluation& e, Procedure procedure, const PointS
   ASSERT_NE(r, nullptr);
   EXPECT_NEAR(r->field.all.avg_mm, truth.avg_mm, kFigureMm) << procedure_name(procedure);
   EXPECT_NEAR(r->field.all.std_mm, truth.std_mm, kFigureMm) << procedure_name(procedure);
-  EXPECT_NEAR(static_cast<double>(r->field.all.n), static_cast<double>(truth.n), 0.01 * truth.n);
+  EXPECT_NEAR(static_cast<double>(r->field.all.n), static_cast<double>(truth.n),
+              0.01 * static_cast<double>(truth.n));
 }
 
 TEST(Evaluation, KnownScaleSeatingAndSlidingAreFound) {
@@ -300,6 +308,82 @@ TEST(Evaluation, TheWrongSplintIsNamedWithTheRightOne) {
   ASSERT_FALSE(e.has_value());
   EXPECT_THAT(e.error().line(), HasSubstr("fits design 'second' better"));
   EXPECT_TRUE(evaluated(scans_of(*p.planned.splint, f, 0.0, 6), {}, {p.planned, other_plan}).has_value());
+}
+
+/// The way of a user: a design's folder, scans on the disk, evaluation.toml.
+TEST(Evaluation, FromFoldersToTheFilesOfTheContract) {
+  namespace fs = std::filesystem;
+  const Patient& p = patient();
+  const fs::path root = fs::path(testing::TempDir()) / "evaluation_folders";
+  fs::remove_all(root);
+  fs::create_directories(root / "design");
+  fs::create_directories(root / "out");
+  const auto put = [&](const char* name, const TriangleMesh& mesh) {
+    ASSERT_TRUE(write_mesh(root / name, mesh)) << name;
+  };
+  put("upper.ply", p.jaws.maxilla);
+  put("lower.ply", p.jaws.mandible_mi);
+  put("design/splint.stl", *p.planned.splint);
+  ASSERT_TRUE(
+      write_json(root / "T_th.json", motion_json(p.therapeutic, std::nullopt, nlohmann::json::object())));
+  nlohmann::json design = {{"verdict", "pass"}, {"inputs", nlohmann::json::array()}};
+  for (const char* name : {"upper.ply", "lower.ply", "T_th.json"})  // as `run` names them: beside the folder
+    design["inputs"].push_back({{"path", name}, {"sha256", sha256_of_file(root / name).value()}});
+  ASSERT_TRUE(write_json(root / "design" / "design.json", design));
+
+  Random random(88);
+  const Faults f = random_faults(random);
+  const SplintScans scans = scans_of(*p.planned.splint, f, 0.0, 9);
+  put("s.ply", *scans.splint);
+  put("u.ply", *scans.maxilla);
+  put("l.ply", *scans.mandible);
+  std::ofstream(root / "evaluation.toml") << R"(
+[[splint]]
+name = 3
+design = "design"
+scan_splint = "s.ply"
+scan_maxilla = "u.ply"
+scan_mandible = "l.ply"
+[tolerance]
+t_mm = 0.01
+)";
+  const Result<EvaluateJob> job = read_evaluation_file(root / "evaluation.toml");
+  ASSERT_TRUE(job.has_value()) << job.error().line();
+  SilentProgress silent;
+  const auto outcome = run_evaluation(*job, root / "out", silent);
+  ASSERT_TRUE(outcome.has_value()) << outcome.error().line();
+  EXPECT_FALSE(outcome->accepted());  // seating and sliding are more than 0.01 mm
+  const nlohmann::json j = read_json(root / "out" / "evaluation.json").value();
+  ASSERT_EQ(j["procedures"].size(), kProcedureCount);
+  const Truth truth = truth_of(f.seating, p.jaws.maxilla, p.jaws.maxilla_fdi);
+  for (const nlohmann::json& procedure : j["procedures"]) {
+    const nlohmann::json& row = procedure.at("splints").at(0);
+    EXPECT_EQ(row.size(), 8u);  // the contract's keys and no others
+    EXPECT_EQ(row.at("splint"), "3");
+    EXPECT_GT(row.at("n").get<int>(), 1000);
+    EXPECT_EQ(row.at("outlier"), false);
+    EXPECT_EQ(procedure.size(), 7u);
+    if (procedure.at("procedure") == "maxillary_clearance") {
+      EXPECT_NEAR(row.at("t_mm").get<double>(), truth.t_mm, kShiftMm);
+    } else if (procedure.at("procedure") == "splint_vs_model") {
+      EXPECT_TRUE(row.at("t_mm").is_null());
+    }
+  }
+  const nlohmann::json details = read_json(root / "out" / "evaluation_details.json").value();
+  EXPECT_EQ(details["splints"][0]["integrity"]["profiles"].size(), 5u);
+  EXPECT_LT(details["splints"][0]["integrity"]["planned"]["maxilla"]["depth_mm"].get<double>(), 0.1);
+  EXPECT_EQ(details["inputs"].size(), 9u);
+
+  // Metres are named; a jaw that was changed since is not taken for the one designed on.
+  TriangleMesh metres = *scans.splint;
+  for (Vector3& v : metres.vertices_mm) v *= 0.001;
+  put("metres.ply", metres);
+  EvaluateJob bad = *job;
+  bad.splints[0].scan_splint = root / "metres.ply";
+  EXPECT_THAT(run_evaluation(bad, root / "out", silent).error().line(), HasSubstr("metres"));
+  put("upper.ply", transformed(f.seating, p.jaws.maxilla));
+  EXPECT_THAT(run_evaluation(*job, root / "out", silent).error().line(), HasSubstr("has changed"));
+  fs::remove_all(root);
 }
 
 }  // namespace
