@@ -120,7 +120,8 @@ Result<CaptureSettings> read_capture_settings(const DeviceConfig& config) {
   // MJPEG over HTTP carries no times: FFmpeg makes them up from an assumed rate.
   const bool has_clock = s.source.rfind("http", 0) != 0;
   s.device_clock = reader.choice("device_clock", {"pts", "arrival"}, has_clock ? "pts" : "arrival") == "pts";
-  s.queue_frames = static_cast<std::size_t>(reader.number_in("queue_frames", 2, 1000, 32));
+  s.queue_frames = static_cast<std::size_t>(
+      reader.number_in("queue_frames", 2, 1000, s.backend == Backend::kUrl ? 128 : 32));
   if (!s.live()) refuse_what_files_have_not(config, &reader);
   if (s.backend == Backend::kFolder && !s.rate_hz)
     reader.refuse("rate_hz", "is not given: a folder of images does not tell its rate");

@@ -24,9 +24,9 @@ struct CaptureSettings {
   std::string pixel_format;  ///< FourCC, or empty
   std::optional<double> line_time_us;
   enum class Shutter { kUnknown, kRolling, kGlobal } shutter = Shutter::kUnknown;
-  double latency_us = 0;     ///< constant part of the delay, from a temporal calibration
-  bool device_clock = true;  ///< presentation times are a clock; else arrival is all there is
-  std::size_t queue_frames = 32;
+  double latency_us = 0;          ///< constant part of the delay, from a temporal calibration
+  bool device_clock = true;       ///< presentation times are a clock; else arrival is all there is
+  std::size_t queue_frames = 32;  ///< held for a slow reader; a URL's first second must fit in too
 
   bool live() const { return backend == Backend::kV4l2 || backend == Backend::kUrl; }
 };

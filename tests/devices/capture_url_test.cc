@@ -89,8 +89,11 @@ TEST(CaptureUrl, MjpegOverHttp) {
   MjpegPeer peer(30);
   peer.start();
   SystemClock clock;
-  auto device =
-      open_device(config({{"source", peer.url()}, {"exposure_us", 10000.0}, {"latency_us", 2000.0}}), clock);
+  auto device = open_device(config({{"source", peer.url()},
+                                    {"queue_frames", 300.0},
+                                    {"exposure_us", 10000.0},
+                                    {"latency_us", 2000.0}}),
+                            clock);
   ASSERT_TRUE(device) << device.error().line();
   Taken taken;
   ASSERT_TRUE(taken.until(**device, [&] { return taken.frames.size() >= 40; }));
@@ -109,7 +112,7 @@ TEST(CaptureUrl, MjpegCameraVanishesAndReturns) {
   MjpegPeer peer(30);
   peer.start();
   SystemClock clock;
-  auto device = open_device(config({{"source", peer.url()}}), clock);
+  auto device = open_device(config({{"source", peer.url()}, {"queue_frames", 300.0}}), clock);
   ASSERT_TRUE(device) << device.error().line();
   vanish_and_return(peer, **device);
 }
@@ -120,6 +123,7 @@ TEST(CaptureUrl, RtspTellsTimesAndGaps) {
   peer.start();
   SystemClock clock;
   auto device = open_device(config({{"source", peer.url()},
+                                    {"queue_frames", 300.0},
                                     {"rate_hz", 30.0},
                                     {"shutter", std::string("rolling")},
                                     {"line_time_us", 20.0}}),
@@ -136,7 +140,7 @@ TEST(CaptureUrl, RtspTellsTimesAndGaps) {
                 (taken.numbers[i] - taken.numbers[0]) / 30.0, 1e-4);
     // Also for the first, which FFmpeg holds back and gives all at once: evenly spaced, as they were taken.
     EXPECT_NEAR(h.capture.seconds_since(taken.frames[0].capture),
-                (taken.numbers[i] - taken.numbers[0]) / 30.0, 0.02);
+                (taken.numbers[i] - taken.numbers[0]) / 30.0, 0.05);
     // Half a readout of 240 rows before arrival at least.
     EXPECT_LE(h.capture.ns, h.arrival.ns - 2'000'000);
   }
@@ -161,7 +165,8 @@ TEST(CaptureUrl, RtspCameraVanishesAndReturns) {
   RtspPeer peer(30);
   peer.start();
   SystemClock clock;
-  auto device = open_device(config({{"source", peer.url()}, {"rate_hz", 30.0}}), clock);
+  auto device =
+      open_device(config({{"source", peer.url()}, {"queue_frames", 300.0}, {"rate_hz", 30.0}}), clock);
   ASSERT_TRUE(device) << device.error().line();
   vanish_and_return(peer, **device);
 }
@@ -170,7 +175,8 @@ TEST(CaptureUrl, ACameraThatHangsIsLostAndNextCanBeStopped) {
   RtspPeer peer(30);
   peer.start();
   SystemClock clock;
-  auto device = open_device(config({{"source", peer.url()}, {"rate_hz", 30.0}}), clock);
+  auto device =
+      open_device(config({{"source", peer.url()}, {"queue_frames", 300.0}, {"rate_hz", 30.0}}), clock);
   ASSERT_TRUE(device) << device.error().line();
   Taken taken;
   ASSERT_TRUE(taken.until(**device, [&] { return taken.frames.size() >= 10; }));

@@ -40,6 +40,7 @@ class MockCapture : public ::testing::Test {
     c.stream = "camera_0";
     c.where = "devices.toml: camera_0";
     settings.emplace("source", std::int64_t{0});
+    settings.emplace("queue_frames", 300.0);
     c.settings = std::move(settings);
     return c;
   }
