@@ -71,9 +71,10 @@ std::string local_name(const std::string& reference) {
   std::replace(name.begin(), name.end(), '\\', '/');
   while (name.compare(0, 2, "./") == 0) name.erase(0, 2);
   const bool drive = name.size() > 1 && name[1] == ':';
-  const bool leaves = name.compare(0, 3, "../") == 0 || name.find("/../") != std::string::npos;
+  const bool leaves = ("/" + name + "/").find("/../") != std::string::npos;
   if (drive || leaves || name.compare(0, 1, "/") == 0) name.erase(0, name.find_last_of('/') + 1);
-  return name == ".." || name == "." ? std::string() : name;
+  const bool is_file = name != "." && name != ".." && name.find('\0') == std::string::npos;
+  return is_file ? name : std::string();
 }
 
 std::optional<std::string> suspected_unit(const TriangleMesh& mesh) {

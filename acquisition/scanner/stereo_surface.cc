@@ -13,7 +13,8 @@ namespace gnathion {
 namespace {
 
 constexpr const char* kWhat = "cannot scan by stereo";
-constexpr double kLeastMatched = 0.02;  // of the overlap: below it there is no face
+constexpr double kLeastMatched = 0.02;     // of the overlap: below it there is no face
+constexpr double kMostDisparities = 1024;  // beyond it a scan takes minutes
 constexpr double kRowShiftWarning_px = 0.4;
 
 Status check_image(const Image8& image, const RigCamera& camera) {
@@ -91,6 +92,13 @@ Result<StereoSurface> stereo_surface(const Image8& first, const Image8& second, 
   GNATHION_CHECK_OK(check_image(second, second_camera));
   GNATHION_TRY(const Rectification r, rectify(first_camera, second_camera, options.near_mm, options.far_mm));
   const std::string where = first_camera.name + " and " + second_camera.name;
+  const double disparities = r.disparity_at(options.near_mm) - r.disparity_at(options.far_mm);
+  if (disparities > kMostDisparities)
+    return bad_input(
+        kWhat, where,
+        fmt::format("{:.0f} disparities between {:.0f} and {:.0f} mm, {:.0f} at most: narrow the depth "
+                    "range to where the face is",
+                    disparities, options.near_mm, options.far_mm, kMostDisparities));
   StereoSurface out;
   out.report.baseline_mm = r.baseline_mm;
   out.report.focal_px = r.focal_px;

@@ -177,6 +177,11 @@ TEST(StereoSurface, RefusesWhatCannotBeMatched) {
   const auto small = stereo_surface(Image8(640, 480), p.second, p.bench.first, p.bench.second, {});
   ASSERT_FALSE(small);
   EXPECT_NE(small.error().line().find("640x480"), std::string::npos);
+  StereoOptions everywhere;
+  everywhere.near_mm = 50;
+  everywhere.far_mm = 3000;
+  const auto wide = stereo_surface(p.first, p.second, p.bench.first, p.bench.second, everywhere);
+  ASSERT_FALSE(wide);
   const auto same = stereo_surface(p.first, p.first, p.bench.first, p.bench.first, {});
   ASSERT_FALSE(same);
   EXPECT_NE(same.error().line().find("baseline"), std::string::npos);
@@ -375,6 +380,8 @@ TEST_F(StereoScanner, FramesOfDifferentMomentsAreNoPair) {
 }
 
 TEST_F(StereoScanner, AnswersEachRequestAndStops) {
+  config_.settings["near_mm"] = 440.0;  // few disparities: nothing is found anyway
+  config_.settings["far_mm"] = 460.0;
   for (int n = 0; n < 3; ++n) {
     put("left", n, Image8(1280, 720, 90));  // nothing to match: each request gets its refusal
     put("right", n, Image8(1280, 720, 90));
@@ -398,6 +405,28 @@ TEST_F(StereoScanner, AnswersEachRequestAndStops) {
   ASSERT_TRUE(end);
   EXPECT_FALSE(*end);
   EXPECT_EQ((*device)->health().rejected, 2u);
+}
+
+TEST_F(StereoScanner, ScansAtIntervalsUntilItsCamerasEnd) {
+  for (int n = 0; n < 2; ++n) {
+    put("left", n, Image8(1280, 720, 90));
+    put("right", n, Image8(1280, 720, 90));
+  }
+  config_.settings["trigger"] = std::string("interval");
+  config_.settings["near_mm"] = 440.0;
+  config_.settings["far_mm"] = 460.0;
+  config_.settings["interval_s"] = 0.05;
+  auto device = open_device(config_, clock_);
+  ASSERT_TRUE(device) << device.error().line();
+  int answers = 0;
+  for (;;) {
+    const auto sample = (*device)->next();
+    ASSERT_TRUE(sample);
+    if (!*sample) break;
+    ++answers;
+  }
+  EXPECT_GE(answers, 2);  // a request that finds the cameras at their end is answered too
+  EXPECT_LE(answers, 3);
 }
 
 TEST_F(StereoScanner, RefusesInOneLine) {
