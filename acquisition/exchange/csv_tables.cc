@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 
@@ -37,10 +38,17 @@ const char* fate_name(LedgerSample::Fate fate) {
 }  // namespace
 
 std::string file_stem(const std::string& stream) {
-  std::string stem = stream;
-  for (char& c : stem)
-    if (c == '/') c = '.';
-  return stem;
+  std::string stem;
+  for (const char c : stream) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) || c == '_' || c == '-';
+    if (plain)
+      stem += c;
+    else if (c == '/' && !stem.empty())
+      stem += '.';
+    else
+      stem += fmt::format("%{:02X}", static_cast<unsigned char>(c));
+  }
+  return stem == "ledger" ? "%6Cedger" : stem;  // that table is another
 }
 
 std::string csv_text(const std::string& text) {

@@ -14,7 +14,7 @@
 
 namespace gnathion {
 
-/// "plus/Tool" as a file name: "plus.Tool".
+/// "plus/Tool" as a file name: "plus.Tool". No two streams have one name, and none leads out of the folder.
 std::string file_stem(const std::string& stream);
 
 /// Writes each sample as it comes, of images only times and size. One thread.

@@ -218,6 +218,25 @@ TEST_F(Exchange, TablesHoldEveryNumber) {
   EXPECT_EQ(table(out() / "camera_0.csv").size(), 60u);  // times of 59 frames
 }
 
+TEST_F(Exchange, NamesOfStreamsNeverLeadOutOfTheFolder) {
+  std::vector<Sample> samples;
+  for (const char* stream : {"..", "/..", "../../x", "ledger", "a/b", "a.b", "a%2Eb"})
+    samples.push_back(FrameSample{{stream, 0, {5}, {6}, {7}}, random_image(4, 4)});
+  std::set<std::string> before, after;
+  const fs::path recording = recorded(samples);
+  for (const auto& entry : fs::directory_iterator(folder_)) before.insert(entry.path().filename());
+  out();
+  const auto done = export_recording(recording, {true, true, "", "", false}, out(), progress_);
+  ASSERT_TRUE(done) << done.error().line();
+  for (const auto& entry : fs::directory_iterator(folder_)) after.insert(entry.path().filename());
+  before.insert("out");
+  EXPECT_EQ(after, before);
+  std::size_t pictures = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(out()))
+    pictures += entry.path().extension() == ".png";
+  EXPECT_EQ(pictures, samples.size());  // none over another
+}
+
 TEST_F(Exchange, ImageFoldersComeBackAsTheyWere) {
   const auto samples = session();
   const auto done = export_recording(recorded(samples), {false, true, "", "", false}, out(), progress_);

@@ -3,6 +3,7 @@
 
 #include <bit>
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <string_view>
 
@@ -20,7 +21,9 @@ inline std::uint32_t u32(std::string_view b, std::size_t at) {
   return static_cast<std::uint32_t>(big_endian(b, at, 4));
 }
 inline std::uint64_t u64(std::string_view b, std::size_t at) {
-  return big_endian(b, at, 8);
+  std::uint64_t value = 0;
+  std::memcpy(&value, b.data() + at, sizeof value);
+  return std::endian::native == std::endian::little ? __builtin_bswap64(value) : value;
 }
 inline double f32(std::string_view b, std::size_t at) {
   return static_cast<double>(std::bit_cast<float>(u32(b, at)));

@@ -20,8 +20,13 @@ tl::unexpected<Error> refuse(const std::string& type, std::string why) {
   return bad_input(kWhat, type, std::move(why));
 }
 
-/// Judges a matrix and takes the nearest rotation.
+/// Judges a matrix and takes the nearest rotation; of an instrument without orientation the position alone.
 void set_pose(ToolPose& tool, const Matrix4& m) {
+  const Vector3 position = m.topRightCorner<3, 1>();
+  if (tool.position_only && position.allFinite()) {
+    tool.reference_from_tool = Rigid3::from_translation(position);
+    return;
+  }
   const RigidityDeviation deviation = rigidity_deviation(m);
   if (!deviation.finite)
     tool.fault = "not finite";
@@ -66,9 +71,9 @@ Result<Body> decode_tracking(const std::string& type, std::string_view b, const 
       m.topRightCorner<3, 1>() = position;
       const bool usable = options.normalise_quaternions ? q.norm() > 0.1 && q.norm() < 1e3
                                                         : std::abs(q.norm() - 1) < kRotationTolerance;
-      if (!usable)  // also for NaN
+      if (!usable && !tool.position_only)  // also for NaN
         tool.fault = "not a unit quaternion";
-      else
+      else if (usable)
         m.topLeftCorner<3, 3>() = q.normalized().toRotationMatrix();
       if (tool.fault.empty()) set_pose(tool, m);
     } else {

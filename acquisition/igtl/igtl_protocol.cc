@@ -16,13 +16,19 @@ constexpr std::uint64_t kPolynomial = 0x42F0E1EBA9EA3693ULL;
 constexpr std::size_t kTypeBytes = 12, kDeviceBytes = 20;
 constexpr std::size_t kExtendedHeaderBytes = 12;
 
-std::array<std::uint64_t, 256> crc_table() {
-  std::array<std::uint64_t, 256> table{};
+/// table[k][i]: the byte i, followed by k zero bytes. Eight bytes are taken at once, since images come at a
+/// hundred megabytes a second.
+using CrcTables = std::array<std::array<std::uint64_t, 256>, 8>;
+CrcTables crc_tables() {
+  CrcTables table{};
   for (std::uint64_t i = 0; i < 256; ++i) {
     std::uint64_t crc = i << 56;
     for (int bit = 0; bit < 8; ++bit) crc = crc >> 63 ? crc << 1 ^ kPolynomial : crc << 1;
-    table[i] = crc;
+    table[0][i] = crc;
   }
+  for (std::size_t k = 1; k < 8; ++k)
+    for (std::size_t i = 0; i < 256; ++i)
+      table[k][i] = table[0][table[k - 1][i] >> 56] ^ table[k - 1][i] << 8;
   return table;
 }
 
@@ -66,9 +72,16 @@ std::string text_field(std::string_view b, std::size_t at, std::size_t count) {
 }
 
 std::uint64_t crc64(std::string_view bytes) {
-  static const std::array<std::uint64_t, 256> table = crc_table();
+  static const CrcTables table = crc_tables();
   std::uint64_t crc = 0;
-  for (const char c : bytes) crc = table[(crc >> 56 ^ static_cast<unsigned char>(c)) & 0xff] ^ crc << 8;
+  std::size_t at = 0;
+  for (; at + 8 <= bytes.size(); at += 8) {
+    const std::uint64_t x = crc ^ u64(bytes, at);
+    crc = 0;
+    for (std::size_t k = 0; k < 8; ++k) crc ^= table[k][x >> (8 * k) & 0xff];
+  }
+  for (; at < bytes.size(); ++at)
+    crc = table[0][(crc >> 56 ^ static_cast<unsigned char>(bytes[at])) & 0xff] ^ crc << 8;
   return crc;
 }
 

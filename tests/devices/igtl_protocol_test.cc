@@ -112,7 +112,7 @@ TEST_F(IgtlProtocol, TrackingDataOfSeveralTools) {
   for (const bool quaternions : {false, true}) {
     const std::vector<igtl_pack::Tool> tools = {{"Channel 0", random_pose(random_), 1},
                                                 {"Channel 1", random_pose(random_), 2},
-                                                {"tip", random_pose(random_), 3}};
+                                                {"tip", {Matrix3::Zero(), 200 * random_.normal3()}, 3}};
     const std::string bytes =
         quaternions ? igtl_pack::qtdata("Tracker", tools, 5) : igtl_pack::tdata("Tracker", tools, 5);
     const Decoded d = decode_one(bytes);
@@ -124,7 +124,10 @@ TEST_F(IgtlProtocol, TrackingDataOfSeveralTools) {
       EXPECT_EQ(got[i].name, tools[i].name);
       EXPECT_EQ(got[i].fault, "");
       EXPECT_EQ(got[i].position_only, tools[i].type == 3);
-      expect_pose(got[i].reference_from_tool, tools[i].pose);
+      // A "3D" instrument has no orientation, whatever stands in its place.
+      expect_pose(got[i].reference_from_tool, tools[i].type == 3
+                                                  ? Rigid3::from_translation(tools[i].pose.translation_mm)
+                                                  : tools[i].pose);
     }
   }
 }
