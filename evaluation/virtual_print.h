@@ -21,9 +21,9 @@ struct PrintErrorModel {
   double common_scale_sigma = 0.001;  ///< relative, all axes together
   double growth_sigma_mm = 0.03;      ///< cured beyond the outline: offset along normals
   double blur_mm = 0.08;              ///< (not random) radius over which light and resin round off edges
-  double warp_sigma_mm = 0.08;        ///< at the arch's ends: lift, spread and twist, each
+  double warp_sigma_mm = 0.10;        ///< at the arch's ends: lift, spread and twist, each
   double roughness_mm = 0.02;         ///< along normals, uncorrelated
-  double waviness_mm = 0.04;          ///< along normals, correlated over waviness_length_mm
+  double waviness_mm = 0.06;          ///< along normals, correlated over waviness_length_mm
   double waviness_length_mm = 8.0;
 };
 struct SeatingModel {

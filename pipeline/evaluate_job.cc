@@ -45,11 +45,6 @@ class Files {
     inputs_.push_back({path.string(), hash});
     return {};
   }
-  /// Meshes that nobody else holds any more.
-  void forget_unused() {
-    for (auto it = meshes_.begin(); it != meshes_.end();)
-      it = it->second.use_count() == 1 ? meshes_.erase(it) : std::next(it);
-  }
   std::string hash(const fs::path& path) const {
     const auto found = hashes_.find(fs::weakly_canonical(path).string());
     return found == hashes_.end() ? std::string() : found->second;

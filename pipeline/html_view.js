@@ -482,10 +482,46 @@
   byId('view-bar').style.background = map + ')';
 
   state.turn = Object.values(views)[0].map((axis) => axis.slice());
+  // With #check behind the address every choice is drawn once and the picture is read at many places: what the
+  // report's test asks for, and a quick look at whether a browser copes.
+  function check() {
+    let frames = 0, errors = 0, readings = 0;
+    for (let s = 0; s < data.splints.length; ++s)
+      for (let p = -1; p < data.procedures.length; ++p) {
+        [state.splint, state.procedure] = [s, p];
+        choose();
+        for (const name of Object.keys(views)) {
+          look(name);
+          fit();
+          draw();
+          ++frames;
+          errors += status.dataset.error !== '0';
+        }
+      }
+    [state.splint, state.procedure] = [0, 0];
+    choose();
+    turnBy(0.2, 0.1);
+    moveBy(3, 2);
+    zoomBy(0.9);
+    draw();
+    const box = canvas.getBoundingClientRect();
+    for (let i = 1; i < 12; ++i)
+      for (let j = 1; j < 12; ++j) {
+        readAt(box.left + box.width * i / 12, box.top + box.height * j / 12);
+        const text = byId('view-reading').textContent;
+        if (text.includes('mm')) {
+          ++readings;
+          status.dataset.reading = parseFloat(text.replace('−', '-'));
+        }
+      }
+    Object.assign(status.dataset, {frames, errors, readings});
+  }
+
   try {
     choose();
     fit();
     draw();
+    if (location.hash === '#check') check();
   } catch (problem) {
     status.textContent = 'the 3D view does not work here (' + problem.message + '): see the pictures below';
   }

@@ -154,6 +154,15 @@ class Setter {
     }
     return longest;
   }
+  /// Columns first..last give way, as far as `least` allows, until all of them fit the page.
+  static void narrow(std::vector<double>& widths, const std::vector<double>& least, std::size_t first,
+                     std::size_t last) {
+    double total = 0, play = 0;
+    for (const double w : widths) total += w;
+    for (std::size_t c = first; c < last; ++c) play += std::max(0.0, widths[c] - least[c]);
+    const double share = std::clamp((total - room()) / std::max(1e-6, play), 0.0, 1.0);
+    for (std::size_t c = first; c < last; ++c) widths[c] -= share * std::max(0.0, widths[c] - least[c]);
+  }
   /// Numbers have what they need; text columns share the rest.
   static std::vector<double> column_widths(const ReportTable& t) {
     std::vector<double> widths(t.columns.size(), 0);
@@ -176,24 +185,16 @@ class Setter {
       whole += full[c];
     }
     if (whole <= room()) return full;
-    // Else text columns give way first, down to their longest word, then everything does.
-    double numbers = 0, text = 0, words = 0;
+    // Else text columns give way first, down to their longest word, then columns of numbers.
     std::vector<double> least(widths.size(), 0);
     for (std::size_t c = 0; c < widths.size(); ++c) {
-      (c < t.text_columns ? text : numbers) += widths[c];
-      if (c >= t.text_columns) continue;
       least[c] = longest_word(t.columns[c], true);
       for (const auto& row : t.rows)
-        if (c < row.size()) least[c] = std::max(least[c], longest_word(row[c], false));
+        if (c < row.size()) least[c] = std::max(least[c], longest_word(row[c], true));
       least[c] = std::min(least[c], 0.45 * room()) + kPad;
-      words += least[c];
     }
-    const double share = std::clamp((room() - numbers - words) / std::max(1.0, text - words), 0.0, 1.0);
-    double total = numbers;
-    for (std::size_t c = 0; c < std::min(t.text_columns, widths.size()); ++c)
-      total += widths[c] = least[c] + share * std::max(0.0, widths[c] - least[c]);
-    if (total > room())
-      for (double& w : widths) w *= room() / total;
+    narrow(widths, least, 0, std::min(t.text_columns, widths.size()));
+    narrow(widths, least, t.text_columns, widths.size());
     return widths;
   }
   static std::vector<std::vector<std::string>> cells(const std::vector<std::string>& row,

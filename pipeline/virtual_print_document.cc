@@ -14,7 +14,8 @@ std::string title_of(const std::string& procedure) {
 }
 
 std::string mean_and_range(const PredictedFigure& f, int decimals = 3) {
-  return fmt::format("{:.{}f} ({:.{}f} … {:.{}f})", f.mean, decimals, f.low, decimals, f.high, decimals);
+  return fmt::format("{} ({} … {})", signed_number(f.mean, decimals), signed_number(f.low, decimals),
+                     signed_number(f.high, decimals));
 }
 std::string maybe(const std::optional<PredictedFigure>& f) {
   return f ? mean_and_range(*f) : "–";
@@ -56,21 +57,37 @@ std::vector<IntervalPanel> panels(const std::vector<VirtualPrint>& prints, const
   return out;
 }
 
-ReportTable side_by_side(const std::vector<VirtualPrint>& prints, bool core) {
-  ReportTable t;
-  t.caption = core ? "Without peripheral points" : "All measured points";
-  t.columns = {"procedure", "design",   "trials",
-               "AVG [mm]",  "STD [mm]", "total STD [mm]",
-               "α [°]",     "t [mm]",   "largest at teeth [mm]"};
-  t.text_columns = 2;
+/// Calls add(procedure's title, design, figures) for every procedure, designs next to one another.
+template <class Add>
+void for_each_figure(const std::vector<VirtualPrint>& prints, bool core, const Add& add) {
   for (const std::string& name : procedures_of(prints))
     for (const VirtualPrint& print : prints)
       for (const PredictedProcedure& p : core ? print.core : print.procedures)
-        if (p.table.procedure == name)
-          t.rows.push_back({title_of(name), print.design, std::to_string(p.table.splints.size()),
-                            mean_and_range(p.avg_mm), mean_and_range(p.std_mm),
-                            fmt::format("{:.3f}", p.table.totals.total_std_mm), maybe(p.alpha_deg),
-                            maybe(p.t_mm), maybe(p.max_tooth_mm)});
+        if (p.table.procedure == name) add(title_of(name), print.design, p);
+}
+
+ReportTable distances_table(const std::vector<VirtualPrint>& prints, bool core) {
+  ReportTable t;
+  t.caption = core ? "Signed distances without peripheral points" : "Signed distances, all measured points";
+  t.columns = {"procedure", "design", "trials", "AVG [mm]", "STD [mm]", "total STD [mm]"};
+  t.text_columns = 2;
+  for_each_figure(prints, core, [&](const std::string& title, const std::string& design, const auto& p) {
+    t.rows.push_back({title, design, std::to_string(p.table.splints.size()), mean_and_range(p.avg_mm),
+                      mean_and_range(p.std_mm), fmt::format("{:.3f}", p.table.totals.total_std_mm)});
+  });
+  return t;
+}
+
+ReportTable motions_table(const std::vector<VirtualPrint>& prints) {
+  ReportTable t;
+  t.caption = "Motions";
+  t.columns = {"procedure", "design", "trials", "α [°]", "t [mm]", "largest at teeth [mm]"};
+  t.text_columns = 2;
+  for_each_figure(prints, false, [&](const std::string& title, const std::string& design, const auto& p) {
+    if (p.alpha_deg)
+      t.rows.push_back({title, design, std::to_string(p.table.splints.size()), maybe(p.alpha_deg),
+                        maybe(p.t_mm), maybe(p.max_tooth_mm)});
+  });
   return t;
 }
 
@@ -130,8 +147,9 @@ ReportDocument virtual_print_document(const std::vector<VirtualPrint>& prints,
       ReportText{"Research use only. This report makes no clinical claim.", ReportText::Kind::kNotice});
   d.blocks.push_back(ReportText{kReading});
   d.blocks.push_back(ReportHeading{"Predicted figures", 2});
-  d.blocks.push_back(side_by_side(prints, false));
-  d.blocks.push_back(side_by_side(prints, true));
+  d.blocks.push_back(distances_table(prints, false));
+  d.blocks.push_back(motions_table(prints));
+  d.blocks.push_back(distances_table(prints, true));
   for (const VirtualPrint& p : prints)
     for (const std::string& text : p.refused)
       d.blocks.push_back(ReportText{"design " + p.design + ", refused: " + text, ReportText::Kind::kWarning});
