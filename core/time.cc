@@ -15,10 +15,14 @@ std::int64_t steady_ns() {
 
 }  // namespace
 
+SystemClock::SystemClock()
+    : epoch_of_steady_ns_(std::chrono::duration_cast<std::chrono::nanoseconds>(
+                              std::chrono::system_clock::now().time_since_epoch())
+                              .count() -
+                          steady_ns()) {}
+
 HostTime SystemClock::now() {
-  return {std::chrono::duration_cast<std::chrono::nanoseconds>(
-              std::chrono::system_clock::now().time_since_epoch())
-              .count()};
+  return {epoch_of_steady_ns_ + steady_ns()};
 }
 
 Stopwatch::Stopwatch() : start_ns_(steady_ns()) {}

@@ -27,10 +27,15 @@ class Clock {
   virtual HostTime now() = 0;
 };
 
-/// The system's clock.
+/// The system's time as it was when this was made, carried on by the steady clock: later corrections of the
+/// system's time (NTP, by hand) do not make it jump or run back.
 class SystemClock : public Clock {
  public:
+  SystemClock();
   HostTime now() override;
+
+ private:
+  std::int64_t epoch_of_steady_ns_;
 };
 
 /// A clock that a test sets by hand.
