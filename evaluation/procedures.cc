@@ -12,6 +12,7 @@
 namespace gnathion {
 namespace {
 
+constexpr double kDoubtfulMm = 0.2;          // mean |distance| of a jaw's scan: looked for again, and checked
 constexpr double kLeastSeatAreaMm2 = 150.0;  // of a region that can be fitted by itself
 
 /// A pose with its covariance: left perturbation, in Dental.
@@ -214,9 +215,13 @@ Result<Pose> mandible_against_model(Work& w, const ScanFacts& scan, const Pose& 
   ScanFitOptions o = w.fit_options("scan of the mandible", "whole mandible");
   o.guess = by_splint.dental_from_scan;
   Result<ScanFit> fit = fit_scan(*scan.mesh, *mandible.mesh, mandible.query, o);
-  if (!fit || fit->report.inlier_fraction < 0.6) {  // not near TP: looked for
+  const bool near_tp = fit && fit->report.inlier_fraction > 0.6 &&
+                       mean_distance_mm(*scan.mesh, mandible.query, fit->model_from_scan, 2.0) < kDoubtfulMm;
+  if (!near_tp) {
     o.guess.reset();
-    fit = fit_checked(*scan.mesh, mandible, o);
+    Result<ScanFit> searched = fit_checked(*scan.mesh, mandible, o);
+    // A search that finds no clear pose leaves the near one; a scan that is refused by name is refused.
+    if (searched || !fit || searched.error().what != "cannot align") fit = std::move(searched);
   }
   if (!fit) return tl::unexpected<Error>(fit.error());
   GNATHION_CHECK_OK(covers_both_sides(*scan.mesh, fit->model_from_scan, w.model, "mandible", mandible,

@@ -11,7 +11,8 @@ namespace gnathion {
 namespace {
 
 constexpr double kCapMm = 2.0;          // of a single point's distance in a mean
-constexpr double kDoubtfulMm = 0.08;    // mean |distance| of a scan that needs no second look
+constexpr double kDoubtfulMm = 0.08;    // mean |distance| of a splint's scan that needs no second look
+constexpr double kMirrorMm = 0.15;      // arches are less symmetric than this
 constexpr double kBadMm = 0.25;         // and of one that deserves a warning
 constexpr double kClearlyBetter = 0.7;  // another explanation needs this part of the mean
 constexpr double kCellMm = 3.0;         // of the occlusal plane, for coverage
@@ -39,7 +40,7 @@ Result<ScanFit> fit_checked(const TriangleMesh& scan, const SearchableSurface& m
                             const ScanFitOptions& options) {
   Result<ScanFit> fit = fit_scan(scan, *model.mesh, model.query, options);
   const double mean_mm = mean_or_cap(scan, model.query, fit);
-  if (fit && mean_mm < kDoubtfulMm) return fit;
+  if (fit && mean_mm < kMirrorMm) return fit;
   struct Other {
     TriangleMesh mesh;
     const char* why;
