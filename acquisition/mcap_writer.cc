@@ -42,6 +42,7 @@ struct McapWriter::State {
   std::uint32_t data_crc = 0;
   bool data_crc_known = true;
   std::optional<Error> error;
+  bool out_of_room = false;  ///< the error
   std::unique_ptr<DiskReserve> reserve;
   std::vector<Placed<mcap::Schema>> schemas;
   std::vector<Placed<mcap::Channel>> channels;
@@ -133,8 +134,10 @@ Result<std::unique_ptr<McapWriter>> McapWriter::create(const std::filesystem::pa
   return writer;
 }
 
-Status McapWriter::failed(const char* why) {
+Status McapWriter::failed(int why_errno) {
   State& s = *state_;
+  const char* why = std::strerror(why_errno);
+  s.out_of_room = why_errno == ENOSPC || why_errno == EFBIG || why_errno == EDQUOT;
   s.error = Error{ErrorCode::kInternal, kWhat, s.path, why};
   return tl::unexpected<Error>(*s.error);
 }
@@ -144,8 +147,8 @@ Status McapWriter::append(std::string_view a, std::string_view b, std::string_vi
   State& s = *state_;
   if (!write_at(s.fd, s.offset, {as_iovec(a), as_iovec(b), as_iovec(c)})) {
     const int why = errno;
-    if (::ftruncate(s.fd, static_cast<off_t>(s.offset.load())) != 0) return failed(std::strerror(errno));
-    return failed(std::strerror(why));
+    if (::ftruncate(s.fd, static_cast<off_t>(s.offset.load())) != 0) return failed(errno);
+    return failed(why);
   }
   for (const std::string_view part : {a, b, c}) s.data_crc = mcap::crc32(part, s.data_crc);
   s.offset += a.size() + b.size() + c.size();
@@ -156,7 +159,7 @@ Status McapWriter::append(std::string_view a, std::string_view b, std::string_vi
 Status McapWriter::keep_reserve() {
   State& s = *state_;
   if (!s.reserve || s.reserve->grow_to((std::uint64_t{1} << 20) + 2 * s.chunk_index.size())) return {};
-  return failed(std::strerror(errno));
+  return failed(errno);
 }
 
 std::uint16_t McapWriter::add_channel(const std::string& topic, const google::protobuf::Descriptor& type,
@@ -341,7 +344,7 @@ Status McapWriter::finish() {
   const bool synced = ::fsync(s.fd) == 0;
   const bool closed = ::close(s.fd) == 0;
   s.fd = -1;
-  if (!synced || !closed) return failed(std::strerror(errno));
+  if (!synced || !closed) return failed(errno);
   s.synced = s.offset.load();
   return {};
 }
@@ -360,6 +363,9 @@ std::uint64_t McapWriter::index_bytes() const {
 }
 const std::optional<Error>& McapWriter::error() const {
   return state_->error;
+}
+bool McapWriter::is_out_of_room() const {
+  return state_->error && state_->out_of_room;
 }
 bool McapWriter::is_open() const {
   return state_->fd >= 0;
@@ -382,7 +388,8 @@ std::optional<std::vector<McapWriter::Dropped>> McapWriter::drop_last_chunk() {
   const auto record = n == static_cast<ssize_t>(bytes.size()) ? mcap::next_record(bytes) : std::nullopt;
   const auto chunk = record ? mcap::decode_chunk(record->content) : std::nullopt;
   const auto records = chunk ? mcap::decompress(*chunk, s.path) : Result<std::string>();
-  std::string_view rest = records ? std::string_view(*records) : std::string_view();
+  if (!records || records->empty()) return std::nullopt;  // what cannot be told is not cut off
+  std::string_view rest = *records;
   while (const auto r = mcap::next_record(rest)) {
     if (const auto m = mcap::decode_message(r->content); m && r->opcode == mcap::Opcode::kMessage)
       dropped.push_back({m->channel_id, m->sequence, m->log_time, m->publish_time});

@@ -61,6 +61,8 @@ class McapWriter {
   /// Size of the index that finish() will write: this much memory grows with the file.
   std::uint64_t index_bytes() const;
   const std::optional<Error>& error() const;
+  /// The error is one that room would mend: a full disk, a quota, a limit on the file's size.
+  bool is_out_of_room() const;
   bool is_open() const;
 
   /// After an error: lets write(), flush() and finish() try again, with the reserve given back to the disk.
@@ -70,14 +72,15 @@ class McapWriter {
     std::uint32_t sequence;
     std::uint64_t log_time, publish_time;
   };
-  /// Cuts the last chunk off the file and tells its messages; nothing when there is none.
+  /// Cuts the last chunk off the file and tells its messages; nothing, and nothing cut, when there is none or
+  /// it cannot be read.
   std::optional<std::vector<Dropped>> drop_last_chunk();
 
  private:
   struct State;
   explicit McapWriter(std::unique_ptr<State> state);
   Status append(std::string_view a, std::string_view b = {}, std::string_view c = {});
-  Status failed(const char* why);
+  Status failed(int why_errno);
   void discard_open_chunk();
   void put_channel(std::uint16_t id);
   Status keep_reserve();

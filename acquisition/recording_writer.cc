@@ -241,7 +241,8 @@ void RecordingWriter::State::end_in_reserve() {
     mcap->use_reserve();
     const std::uint64_t before = mcap->chunks();
     if (put_lost_lines() && mcap->finish()) break;
-    if (!mcap->is_open() || !drop_one_more_than(before)) break;
+    // A disk that fails in other ways keeps what it has; the file can be recovered.
+    if (!mcap->is_open() || !mcap->is_out_of_room() || !drop_one_more_than(before)) break;
   }
   for (const auto& [key, l] : lost) {
     const auto& [stream, fate, reason] = key;

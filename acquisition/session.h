@@ -10,7 +10,7 @@
 // stream until there is room. Scans wait. So the session's memory is queue_bytes + reserve_bytes, one sample
 // a device, and one chunk twice.
 //
-// What a crash can lose. A chunk is closed 100 ms after its first sample at the latest and handed to the
+// What a crash can lose. A chunk is closed 60 ms after its first sample at the latest and handed to the
 // kernel at once: the end of the process (kill -9 included) loses less than 200 ms. Every `sync_interval_ms`
 // the file is synced (fdatasync): a power loss loses less than 1 s as long as the disk syncs within 0.4 s.
 #pragma once
@@ -33,7 +33,7 @@ struct SessionOptions {
   std::size_t queue_bytes = std::size_t{256} << 20;
   std::size_t reserve_bytes = std::size_t{32} << 20;
   int sync_interval_ms = 300;
-  RecordingOptions recording;
+  RecordingOptions recording{"zstd", 60'000'000, std::size_t{4} << 20, true};
   std::string software_version;                    ///< kept in the recording's session.json
   std::map<std::string, std::string> attachments;  ///< name → bytes: configuration, calibration files
 };

@@ -1,6 +1,7 @@
 #include "cli/capture_command.h"
 
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -118,6 +119,14 @@ std::string status_line(const SessionStatus& s) {
   return line + fmt::format(" | queue {:.0f} % | {:.1f} MiB/s", 100 * fill, s.disk_mib_s);
 }
 
+/// Cut to the terminal's width: a line that wraps cannot be drawn over.
+std::string fit_to_terminal(std::string line) {
+  winsize size{};
+  if (::ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 && line.size() >= size.ws_col)
+    line.resize(size.ws_col - 1u);
+  return line;
+}
+
 /// Waits for the end, showing on a terminal how it goes and telling each device that fails.
 void watch(Session& session, double duration_s, bool show) {
   std::set<std::string> told;
@@ -126,7 +135,7 @@ void watch(Session& session, double duration_s, bool show) {
     for (const SessionDevice& d : status.devices)
       if (d.health.state == DeviceState::kFailed && told.insert(d.description.stream).second)
         say(fmt::format("{}{}", show ? "\r\033[K" : "", d.health.message));
-    if (show) fmt::print(stderr, "\r\033[K{}", status_line(status));
+    if (show) fmt::print(stderr, "\r\033[K{}", fit_to_terminal(status_line(status)));
     const double left_s = duration_s > 0 ? duration_s - status.elapsed_s : 1.0;
     if (asked_to_end || left_s <= 0 || session.wait_for(std::min(0.1, left_s))) break;
   }

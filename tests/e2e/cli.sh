@@ -108,7 +108,7 @@ expect 4 'absent.mcap' "$gnathion" recording verify "$work/absent.mcap"
 expect 4 "maxila_mi" "$gnathion" run "$work"
 expect 0 '' "$gnathion" --help
 expect 0 '' "$gnathion" --version
-for command in demo phantom 'recording info' 'recording verify' 'recording recover' track 'calibrate chain' \
+for command in demo phantom 'recording info' 'recording verify' 'recording recover' 'recording capture' 'recording import' 'recording export' track 'calibrate chain' \
   'transform scans' 'transform motion' check design run; do
   expect 0 '' "$gnathion" $command --help
   grep -q -- '--json' "$work/stdout" || { echo "FAILED: $command --help names no --json"; failures=$((failures + 1)); }
@@ -122,6 +122,34 @@ head -c 2000 "$seed" >"$work/cut.mcap"
 expect 4 'cut.mcap.*' "$gnathion" recording verify --quiet "$work/cut.mcap"
 
 expect 4 'cut off' "$gnathion" track --recording "$work/cut.mcap" --rig "$work/rig.toml" --out "$work/out"
+
+# Capture: one line for each device that cannot be opened; the others are recorded.
+"$gnathion" recording recover --quiet "$seed" --out "$work/film.mcap"
+printf '[[device]]\nkind = "replay"\nname = "a"\npath = "film.mcap"\nspeed = 0\n' >"$work/one.toml"
+printf '[[device]]\nkind = "replay"\nname = "b"\npath = "absent.mcap"\n' >"$work/none.toml"
+cat "$work/one.toml" "$work/none.toml" >"$work/both.toml"
+expect 0 'absent.mcap: No such file' "$gnathion" recording capture --json --quiet --devices "$work/both.toml" --out "$work/again.mcap"
+grep -q '"missing": 1' "$work/stdout" || { echo "FAILED: capture lost a lost frame"; failures=$((failures + 1)); }
+expect 0 '' "$gnathion" recording verify --quiet "$work/again.mcap"
+expect 2 'exists' "$gnathion" recording capture --devices "$work/one.toml" --out "$work/again.mcap"
+"$gnathion" recording capture --quiet --devices "$work/none.toml" --out "$work/never.mcap" 2>/dev/null
+[ $? -eq 4 ] && [ ! -e "$work/never.mcap" ] || { echo "FAILED: a capture without a device"; failures=$((failures + 1)); }
+
+# Import and export: there and back, the same bytes again, nothing half-written.
+sequence="$(dirname "$0")/../fuzz/corpus/plus_sequence/images.mha"
+expect 0 '' "$gnathion" recording import --quiet --plus "$sequence" --out "$work/plus.mcap"
+expect 0 '' "$gnathion" recording import --quiet --images "$sequence" --out "$work/plus_again.mcap"
+cmp -s "$work/plus.mcap" "$work/plus_again.mcap" || { echo "FAILED: an import with other bytes"; failures=$((failures + 1)); }
+expect 0 '' "$gnathion" recording export "$work/film.mcap" --quiet --out "$work/exported" --csv --images
+for made in export.json ledger.csv; do
+  [ -s "$work/exported/$made" ] || { echo "FAILED: export wrote no $made"; failures=$((failures + 1)); }
+done
+expect 2 'exists' "$gnathion" recording export "$work/film.mcap" --out "$work/exported"
+expect 2 'give --rate-hz' "$gnathion" recording import --images "$work/exported/camera_0" --out "$work/back.mcap"
+expect 0 '' "$gnathion" recording import --quiet --images "cam=$work/exported/camera_0" --rate-hz 60 --out "$work/back.mcap"
+expect 4 'is no video' "$gnathion" recording import --images "$work/one.toml" --rate-hz 60 --out "$work/none.mcap"
+expect 2 'ends in .igs.mha' "$gnathion" recording export "$work/film.mcap" --out "$work/none" --plus x.txt
+[ ! -e "$work/none.mcap" ] && [ ! -e "$work/none" ] || { echo "FAILED: a refused import or export left something"; failures=$((failures + 1)); }
 
 # Real jaws, where they are.
 jaws=../shared/data/jaws
