@@ -142,8 +142,6 @@ void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen) {
   CLI::App* command = app.add_subcommand(
       "evaluate", "printed against planned: the six procedures (exit 3: a given limit is passed)");
   add_options(*command, *o);
-  add_virtual_print_command(*command, chosen);
-  add_position_commands(*command, chosen);
   const CommandBody body = [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
     GNATHION_TRY(const EvaluateJob job, job_of(*o));
     GNATHION_CHECK_OK(keeps_inputs(o->out, input_paths(job)));
