@@ -145,7 +145,7 @@ Status PolhemusSession::start(TransferIo& io) {
       return failed(fmt::format("it does not take the command '{}'", printable(command)));
   GNATHION_TRY(const PolhemusReply stations, stations_reply(io));
   for (const PolhemusReply& reply : replies_)
-    if (const auto error = polhemus_error(reply.error))
+    if (const auto error = polhemus_error(reply.error); error && reply.command != kPoll[0])
       return failed(fmt::format("it refuses the command '{}': {}",
                                 printable(std::string(1, static_cast<char>(reply.command))), *error));
   sensors_ = sensors_in(stations.body);
@@ -157,7 +157,7 @@ Status PolhemusSession::start(TransferIo& io) {
 Result<PolhemusReply> PolhemusSession::stations_reply(TransferIo& io) {
   if (!io.write(kAskStations)) return failed("it does not take commands");
   for (milliseconds waited{0}; waited < kPatience && !io.stopping();) {
-    if (!io.read(kQuiet)) waited += kQuiet;
+    waited += io.read(kQuiet) ? milliseconds(1) : kQuiet;  // it may go on sending something else for ever
     for (const PolhemusReply& reply : replies_)
       if (reply.command == kStations) return reply;
   }

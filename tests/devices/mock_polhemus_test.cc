@@ -429,6 +429,15 @@ TEST_F(PolhemusTest, RefusesBadInputWithOneLine) {
   tracker_.refuses = 'X';
   EXPECT_THAT(refusal(), HasSubstr("it refuses the command 'X': parameter above limit"));
   tracker_.refuses = 0;
+  {
+    open();
+    ASSERT_TRUE(wait_for([&] { return tracker_.streaming(); }));
+    tracker_.deaf = true;
+    pull_.reset();
+    device_.reset();
+    EXPECT_THAT(refusal(), HasSubstr("it does not answer"));  // though it sends without end
+    tracker_.deaf = false;
+  }
   tracker_.answers = false;
   EXPECT_THAT(refusal(), HasSubstr("it does not answer"));
   tracker_.usb.fail_writes(-EPIPE);

@@ -54,6 +54,7 @@ class Tracker {
   std::atomic<bool> answers = true;
   std::atomic<char> refuses = 0;  ///< a command that it does not take
   bool sensors_connected = true;
+  std::atomic<bool> deaf = false;  ///< goes on sending whatever it is told
 
   void power_cycle() { binary_ = centimetres_ = quaternion_ = distortion_ = streaming_ = false; }
   bool streaming() const { return streaming_; }
@@ -65,7 +66,7 @@ class Tracker {
     while (!pending_.empty()) {
       if (pending_[0] == 'P') {  // no carriage return after this one
         pending_.erase(0, 1);
-        streaming_ = false;
+        if (!deaf) streaming_ = false;
         if (answers)
           usb.push(binary_ ? frame(next_frame) : "01  12.34  -5.67   8.90  10.00  20.00  30.00\r\n");
         continue;
@@ -77,6 +78,7 @@ class Tracker {
     }
   }
   void command(const std::string& c) {
+    if (deaf) return;
     if (refuses != 0 && c[0] == refuses) {
       usb.push(encode(PolhemusReply{0, static_cast<std::uint8_t>(c[0]), 0x07, "above limit\r\n"}, tag));
       return;
