@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <filesystem>
 #include <future>
 
+#include "acquisition/recording.h"
+#include "acquisition/session.h"
 #include "core/mesh_io.h"
 #include "core/random.h"
 #include "tests/devices/igtl_pack.h"
@@ -21,11 +24,12 @@ constexpr std::int64_t kStep_ns = 10'000'000;
 
 class IgtlDeviceTest : public ::testing::Test {
  protected:
-  std::unique_ptr<Device> open(int port, std::map<std::string, ConfigValue> more = {}) {
+  std::unique_ptr<Device> open(int port, std::map<std::string, ConfigValue> more = {},
+                               const std::string& name = "plus") {
     DeviceConfig config;
     config.kind = "openigtlink";
-    config.stream = "plus";
-    config.where = "devices.toml: plus";
+    config.stream = name;
+    config.where = "devices.toml: " + name;
     config.settings = std::move(more);
     config.settings["port"] = std::int64_t{port};
     auto device = open_device(config, clock_);
@@ -367,6 +371,62 @@ TEST_F(IgtlDeviceTest, APeerThatInventsNamesIsCutShort) {
   for (const Sample& s : samples) names.insert(header_of(s).stream);
   EXPECT_EQ(names.size(), 257u);
   EXPECT_EQ(rejected(samples)["more than 256 devices"], 744u);
+}
+
+/// A session with a peer that fails in every way and one that does not: both recorded, nothing whole lost.
+TEST_F(IgtlDeviceTest, ASessionRecordsItBesideOthers) {
+  constexpr int kEach = 20, kConnections = 10;
+  Peer good([&](const Connection& c, int) {
+    for (int i = 0; i < 200; ++i) {
+      c.send(message(i) +
+             igtl_pack::image("cam", Image8(16, 8, static_cast<std::uint8_t>(i)), kStart_ns + i * kStep_ns));
+      std::this_thread::sleep_for(1ms);
+    }
+    c.hold();
+  });
+  Peer bad([&](const Connection& c, int n) {
+    for (int i = 0; i < kEach; ++i) {
+      std::string damaged = message(5000);
+      damaged[static_cast<std::size_t>(i < 10 ? i : 42 + 3 * i)] ^= 0x21;  // version, type, body
+      c.send(damaged + message(n * kEach + i) + std::string(static_cast<std::size_t>(i), 'x'));
+    }
+    if (n + 1 >= kConnections) c.hold();
+  });
+  const auto path =
+      std::filesystem::temp_directory_path() / ("gnathion_igtl_" + std::to_string(::getpid()) + ".mcap");
+  std::vector<std::unique_ptr<Device>> devices;
+  devices.push_back(open(good.port()));
+  devices.push_back(open(bad.port(), {}, "bad"));
+  auto session = Session::start(path, std::move(devices), {}, clock_);
+  ASSERT_TRUE(session) << session.error().line();
+  const auto received = [&](const std::string& stream) {
+    const SessionStatus status = (*session)->status();
+    const auto found = status.ledger.find(stream);
+    return found == status.ledger.end() ? std::uint64_t{0} : found->second.received;
+  };
+  for (int i = 0; i < 3000 && (received("plus/cam/image") < 200 ||
+                               received("bad/StylusToTracker") < kEach * kConnections);
+       ++i)
+    std::this_thread::sleep_for(20ms);
+  const Status finished = (*session)->finish();
+  EXPECT_TRUE(finished) << finished.error().line();
+  std::vector<Sample> samples;
+  auto source = RecordingSource::open(path);
+  ASSERT_TRUE(source) << source.error().line();
+  while (auto next = (*source)->next()) {
+    if (!*next) break;
+    samples.push_back(std::move(**next));
+  }
+  std::filesystem::remove(path);
+  EXPECT_EQ(indices(samples), count_to(200));
+  EXPECT_EQ(indices(samples, "bad/StylusToTracker"), count_to(kEach * kConnections));
+  int images = 0;
+  for (const Sample& s : samples)
+    if (const auto* frame = std::get_if<FrameSample>(&s)) {
+      EXPECT_EQ(frame->header.stream, "plus/cam/image");
+      EXPECT_EQ(frame->image.pixels[5], images++);
+    }
+  EXPECT_EQ(images, 200);
 }
 
 TEST_F(IgtlDeviceTest, StopEndsEveryWait) {
