@@ -117,11 +117,10 @@ Status record(Source& source, const std::filesystem::path& path,
     }
     return writer.finish();
   };
+  std::error_code ec;
+  const bool was_there = std::filesystem::exists(path, ec);
   const Status status = all();
-  if (!status) {
-    std::error_code ec;
-    std::filesystem::remove(path, ec);
-  }
+  if (!status && !was_there) std::filesystem::remove(path, ec);
   return status;
 }
 

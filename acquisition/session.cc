@@ -271,10 +271,11 @@ Result<std::unique_ptr<Session>> Session::start(const std::filesystem::path& pat
     return bad_input("cannot start a session", path.string(), "there is no device to record from");
   std::vector<DeviceDescription> descriptions;
   for (const auto& device : devices) descriptions.push_back(device->description());
+  std::error_code ec;
+  const bool was_there = std::filesystem::exists(path, ec);
   auto writer = begin_recording(path, options, descriptions);
   if (!writer) {
-    std::error_code ec;
-    std::filesystem::remove(path, ec);
+    if (!was_there) std::filesystem::remove(path, ec);
     return tl::unexpected<Error>(writer.error());
   }
   auto state = std::make_shared<State>(std::move(*writer), std::move(options), clock);

@@ -1,5 +1,7 @@
 #include "acquisition/session_queue.h"
 
+#include <algorithm>
+
 namespace gnathion {
 namespace {
 
@@ -31,39 +33,62 @@ std::size_t memory_of(const Sample& sample) {
          std::visit([](const auto& x) { return payload_of(x); }, sample);
 }
 
+namespace {
+
+LedgerSample queue_full(const Sample& sample) {
+  const auto* line = std::get_if<LedgerSample>(&sample);
+  return line ? *line : LedgerSample{header_of(sample), LedgerSample::Fate::kRejected, 1, "queue full"};
+}
+
+/// Whether `next` goes on where `line` ends, so that one line can say both.
+bool goes_on(const LedgerSample& line, const LedgerSample& next) {
+  return line.header.stream == next.header.stream && line.fate == next.fate && line.reason == next.reason &&
+         line.header.sequence + line.count == next.header.sequence;
+}
+
+}  // namespace
+
 void SampleIntake::put(Sample sample) {
-  const bool lines_first = put_pending();
   const std::size_t bytes = memory_of(sample);
-  if (lines_first && std::holds_alternative<ScanSample>(sample)) {
-    queue_.push(std::move(sample), bytes);
+  if (std::holds_alternative<ScanSample>(sample)) {
+    finish();  // older lines first, whatever the wait
+    const LedgerSample lost = queue_full(sample);
+    if (!queue_.push(std::move(sample), bytes)) pending_.push_back(lost);
     return;
   }
   const bool is_frame = std::holds_alternative<FrameSample>(sample);
-  if (lines_first && queue_.try_push(sample, bytes, is_frame ? 0 : reserve_)) return;
-  const auto* line = std::get_if<LedgerSample>(&sample);
-  reject(line ? *line : LedgerSample{header_of(sample), LedgerSample::Fate::kRejected, 1, "queue full"});
+  if (put_pending() && queue_.try_push(sample, bytes, is_frame ? 0 : reserve_)) return;
+  reject(queue_full(sample));
 }
 
 void SampleIntake::reject(LedgerSample line) {
   const std::size_t bytes = memory_of(line);
   Sample sample = line;
   if (pending_.empty() && queue_.try_push(sample, bytes, reserve_)) return;
-  const auto [known, added] = pending_.try_emplace({line.header.stream, line.reason}, line);
-  if (!added) known->second.count += line.count;
+  // A few streams take turns: the line that this one goes on is among the last.
+  constexpr std::size_t kLookBack = 16;
+  for (std::size_t i = 0; i < std::min(kLookBack, pending_.size()); ++i) {
+    LedgerSample& before = pending_[pending_.size() - 1 - i];
+    if (before.header.stream != line.header.stream) continue;
+    if (!goes_on(before, line)) break;
+    before.count += line.count;
+    return;
+  }
+  pending_.push_back(std::move(line));
 }
 
 /// True when none is left, so that lines never come behind samples that are younger.
 bool SampleIntake::put_pending() {
   while (!pending_.empty()) {
-    Sample sample = pending_.begin()->second;
+    Sample sample = pending_.front();
     if (!queue_.try_push(sample, memory_of(sample), reserve_)) return false;
-    pending_.erase(pending_.begin());
+    pending_.pop_front();
   }
   return true;
 }
 
 void SampleIntake::finish() {
-  for (auto& [key, line] : pending_) {
+  for (LedgerSample& line : pending_) {
     Sample sample = std::move(line);
     const std::size_t bytes = memory_of(sample);
     queue_.push(std::move(sample), bytes);

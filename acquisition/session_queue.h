@@ -1,9 +1,7 @@
 // The way from the devices' threads to the writer, with the policy that session.h states.
 #pragma once
 
-#include <map>
-#include <string>
-#include <utility>
+#include <deque>
 
 #include "core/bounded_queue.h"
 #include "core/sample.h"
@@ -29,8 +27,9 @@ class SampleIntake {
   bool put_pending();
   SampleQueue& queue_;
   std::size_t reserve_;
-  /// Lines for which even the reserve had no room, added up by stream and reason.
-  std::map<std::pair<std::string, std::string>, LedgerSample> pending_;
+  /// Lines for which even the reserve had no room, oldest first; lines of consecutive counters with one fate
+  /// and reason are one.
+  std::deque<LedgerSample> pending_;
 };
 
 }  // namespace gnathion
