@@ -347,10 +347,9 @@ bool Usb::reap(UMockdevIoctlClient* client) {
   std::unique_lock lock(mutex_);
   if (!gone_ && !is_current(client))
     return answer(client, -1, ENODEV), true;  // another one is plugged in now
-  if (ended_.empty() && !gone_ && queue_.empty() && on_idle && !waiting_.empty()) {
-    lock.unlock();
-    std::string bytes = on_idle();
-    lock.lock();
+  if (ended_.empty() && !gone_ && !halted_ && queue_.empty() && on_idle && !waiting_.empty()) {
+    std::string bytes =
+        on_idle();  // locked: what it gives away reaches the driver, also if the cable goes next
     if (!bytes.empty()) queue_.push_back({std::move(bytes), 0});
   }
   if (ended_.empty() && queue_.empty() && !gone_)

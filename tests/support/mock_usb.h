@@ -98,7 +98,7 @@ class Usb : public Node {
   void unplug() override;
   /// Bytes that came on the bulk OUT endpoint; called on umockdev's thread, may push().
   std::function<void(const std::string&)> on_write;
-  /// Called when a read waits and nothing is queued; may return bytes.
+  /// Called when a read waits and nothing is queued; may return bytes. Must not push().
   std::function<std::string()> on_idle;
   /// Class and vendor requests: the 8 setup bytes and what is sent; returns what is read, or nothing for a
   /// stall.
