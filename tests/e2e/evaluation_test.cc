@@ -96,25 +96,30 @@ TriangleMesh uncovered(const TriangleMesh& maxilla, const MeshQuery& splint) {
   return submesh(maxilla, keep);
 }
 
-ScannerModel scanner(const Vector3& occlusal, double noise_mm) {
+struct Noise {
+  double white_mm = 0.0, correlated_mm = 0.0, edge_mm = 0.3;
+};
+
+ScannerModel scanner(const Vector3& occlusal, const Noise& noise) {
   ScannerModel m = intraoral_scanner(occlusal);
-  m.white_noise_mm = noise_mm;
-  m.correlated_noise_mm = noise_mm;
+  m.edge_mm = noise.edge_mm;
+  m.white_noise_mm = noise.white_mm;
+  m.correlated_noise_mm = noise.correlated_mm;
   m.scale_error = 0.0;
   m.holes = 3;
   return m;
 }
 
-SplintScans scans_of(const TriangleMesh& printed, const Faults& f, double noise_mm, std::uint64_t seed) {
+SplintScans scans_of(const TriangleMesh& printed, const Faults& f, const Noise& noise, std::uint64_t seed) {
   const Patient& p = patient();
   Random random(seed);
   const Vector3 down = -Vector3::UnitZ();
   SplintScans s;
-  s.splint = shared(simulate_scan(printed, scanner(down, noise_mm), f.frame, random));
+  s.splint = shared(simulate_scan(printed, scanner(down, noise), f.frame, random));
   const TriangleMesh maxilla = uncovered(p.jaws.maxilla, p.model->splint().query);
-  s.maxilla = shared(simulate_scan(maxilla, scanner(down, noise_mm), f.frame * f.seating, random));
+  s.maxilla = shared(simulate_scan(maxilla, scanner(down, noise), f.frame * f.seating, random));
   const TriangleMesh mandible = transformed(f.sliding * p.therapeutic.rigid, p.jaws.mandible_mi);
-  s.mandible = shared(simulate_scan(mandible, scanner(-down, noise_mm), f.frame, random));
+  s.mandible = shared(simulate_scan(mandible, scanner(-down, noise), f.frame, random));
   return s;
 }
 
@@ -173,6 +178,9 @@ void expect_motion(const SplintEvaluation& e, Procedure procedure, const Truth& 
   EXPECT_NEAR(r->motion->alpha_deg, truth.alpha_deg, kAlphaDeg) << procedure_name(procedure);
   EXPECT_NEAR(r->motion->t_mm, truth.t_mm, kShiftMm) << procedure_name(procedure);
   EXPECT_NEAR(r->motion->max_tooth_mm, truth.max_tooth_mm, 0.02) << procedure_name(procedure);
+  std::printf("  %-26s errors: alpha %+.5f deg, t %+.5f mm, largest tooth %+.5f mm\n",
+              procedure_name(procedure), r->motion->alpha_deg - truth.alpha_deg, r->motion->t_mm - truth.t_mm,
+              r->motion->max_tooth_mm - truth.max_tooth_mm);
 }
 
 void expect_figures(const SplintEvaluation& e, Procedure procedure, const PointStatistics& truth) {
@@ -180,6 +188,8 @@ void expect_figures(const SplintEvaluation& e, Procedure procedure, const PointS
   ASSERT_NE(r, nullptr);
   EXPECT_NEAR(r->field.all.avg_mm, truth.avg_mm, kFigureMm) << procedure_name(procedure);
   EXPECT_NEAR(r->field.all.std_mm, truth.std_mm, kFigureMm) << procedure_name(procedure);
+  std::printf("  %-26s errors: AVG %+.5f mm, STD %+.5f mm\n", procedure_name(procedure),
+              r->field.all.avg_mm - truth.avg_mm, r->field.all.std_mm - truth.std_mm);
   EXPECT_NEAR(static_cast<double>(r->field.all.n), static_cast<double>(truth.n),
               0.01 * static_cast<double>(truth.n));
 }
@@ -189,7 +199,7 @@ TEST(Evaluation, KnownScaleSeatingAndSlidingAreFound) {
   for (const std::uint64_t seed : {91u, 92u}) {
     Random random(seed);
     const Faults f = random_faults(random);
-    const SplintScans scans = scans_of(scaled(*p.planned.splint, f.print_scale), f, 0.0, seed);
+    const SplintScans scans = scans_of(scaled(*p.planned.splint, f.print_scale), f, {}, seed);
     const auto e = evaluated(scans);
     ASSERT_TRUE(e.has_value()) << e.error().line();
     ASSERT_EQ(e->procedures.size(), kProcedureCount);
@@ -216,7 +226,7 @@ TEST(Evaluation, KnownScaleSeatingAndSlidingAreFound) {
 TEST(Evaluation, TheWholeIsTheClearanceAndTheSliding) {
   Random random(404);
   const Faults f = random_faults(random);
-  const auto e = evaluated(scans_of(*patient().planned.splint, f, 0.0, 3));
+  const auto e = evaluated(scans_of(*patient().planned.splint, f, {}, 3));
   ASSERT_TRUE(e.has_value()) << e.error().line();
   const Rigid3 whole = e->find(Procedure::kMandibularTransformation)->motion->motion.rigid;
   const Rigid3 parts = e->find(Procedure::kMaxillaryClearance)->motion->motion.rigid *
@@ -230,20 +240,39 @@ TEST(Evaluation, WarpAndNoise) {
   const Faults f = random_faults(random);
   TriangleMesh warped = *patient().planned.splint;
   for (Vector3& v : warped.vertices_mm) v.z() += 1e-4 * std::pow(v.y() - 25.0, 2) + 2e-5 * v.x() * v.y();
-  const auto clean = evaluated(scans_of(warped, f, 0.0, 8)), noisy = evaluated(scans_of(warped, f, 0.015, 8));
-  ASSERT_TRUE(clean && noisy);
-  for (std::size_t i = 0; i < kProcedureCount; ++i) {
-    const ProcedureResult &a = clean->procedures[i], &b = noisy->procedures[i];
-    EXPECT_NEAR(b.field.all.avg_mm, a.field.all.avg_mm, 0.01) << procedure_name(a.procedure);
-    if (!a.motion) continue;
-    // Noise moves the fits by what they say of themselves.
-    EXPECT_NEAR(b.motion->alpha_deg, a.motion->alpha_deg, 3.5 * b.motion->alpha_sigma_deg + kAlphaDeg);
-    EXPECT_NEAR(b.motion->t_mm, a.motion->t_mm, 3.5 * b.motion->t_sigma_mm + kShiftMm);
-    EXPECT_LT(b.motion->t_sigma_mm, 0.03);
-    EXPECT_LT(b.motion->alpha_sigma_deg, 0.08);
-    std::printf("  %-26s noise moved alpha %+.4f deg (sigma %.4f), t %+.4f mm (sigma %.4f)\n",
-                procedure_name(a.procedure), b.motion->alpha_deg - a.motion->alpha_deg,
-                b.motion->alpha_sigma_deg, b.motion->t_mm - a.motion->t_mm, b.motion->t_sigma_mm);
+  const auto truth = evaluated(scans_of(warped, f, {}, 8));
+  struct Case {
+    const char* name;
+    Noise noise;
+    double std_added_mm;  ///< noise along normals adds to every distance
+    bool meets_bars;      ///< else: by what the fits say of themselves
+  };
+  for (const Case& c :
+       {Case{"other points", {0.0, 0.0, 0.38}, 0.0, true}, Case{"white noise", {0.01, 0.0, 0.3}, 0.01, true},
+        Case{"correlated noise", {0.01, 0.015, 0.3}, 0.018, false}}) {
+    const auto found = evaluated(scans_of(warped, f, c.noise, 12));
+    ASSERT_TRUE(truth && found) << c.name;
+    for (std::size_t i = 0; i < kProcedureCount; ++i) {
+      const ProcedureResult &a = truth->procedures[i], &b = found->procedures[i];
+      const double avg = b.field.core.avg_mm - a.field.core.avg_mm;
+      const double std = b.field.core.std_mm - std::hypot(a.field.core.std_mm, c.std_added_mm);
+      std::printf("  %-17s%-26s AVG %+.4f STD %+.4f mm", c.name, procedure_name(a.procedure), avg, std);
+      // Other points and holes sample the warp differently: that is no error of the procedure.
+      EXPECT_NEAR(avg, 0.0, c.meets_bars ? 0.01 : 0.02) << procedure_name(a.procedure);
+      EXPECT_NEAR(std, 0.0, c.meets_bars ? 0.01 : 0.02) << procedure_name(a.procedure);
+      if (!a.motion) {
+        std::printf("\n");
+        continue;
+      }
+      const double alpha = b.motion->alpha_deg - a.motion->alpha_deg, t = b.motion->t_mm - a.motion->t_mm;
+      std::printf("  alpha %+.4f deg (sigma %.4f)  t %+.4f mm (sigma %.4f)\n", alpha,
+                  b.motion->alpha_sigma_deg, t, b.motion->t_sigma_mm);
+      const bool bars = c.meets_bars;
+      EXPECT_NEAR(alpha, 0.0, bars ? kAlphaDeg : 3.5 * b.motion->alpha_sigma_deg)
+          << procedure_name(a.procedure);
+      EXPECT_NEAR(t, 0.0, bars ? kShiftMm : 3.5 * b.motion->t_sigma_mm) << procedure_name(a.procedure);
+      EXPECT_LT(b.motion->t_sigma_mm, 0.04);
+    }
   }
 }
 
@@ -251,7 +280,7 @@ TEST(Evaluation, BadScansAreNamed) {
   const Patient& p = patient();
   Random random(55);
   const Faults f = random_faults(random);
-  const SplintScans good = scans_of(*p.planned.splint, f, 0.0, 5);
+  const SplintScans good = scans_of(*p.planned.splint, f, {}, 5);
   const auto refusal = [](const Result<SplintEvaluation>& e) {
     return e ? std::string("accepted") : e.error().line();
   };
@@ -303,11 +332,11 @@ TEST(Evaluation, TheWrongSplintIsNamedWithTheRightOne) {
   other_plan.splint = shared(other);
   Random random(56);
   const Faults f = random_faults(random);
-  const SplintScans scans = scans_of(other, f, 0.0, 6);
+  const SplintScans scans = scans_of(other, f, {}, 6);
   const auto e = evaluated(scans, {}, {p.planned, other_plan});
   ASSERT_FALSE(e.has_value());
   EXPECT_THAT(e.error().line(), HasSubstr("fits design 'second' better"));
-  EXPECT_TRUE(evaluated(scans_of(*p.planned.splint, f, 0.0, 6), {}, {p.planned, other_plan}).has_value());
+  EXPECT_TRUE(evaluated(scans_of(*p.planned.splint, f, {}, 6), {}, {p.planned, other_plan}).has_value());
 }
 
 /// The way of a user: a design's folder, scans on the disk, evaluation.toml.
@@ -333,7 +362,7 @@ TEST(Evaluation, FromFoldersToTheFilesOfTheContract) {
 
   Random random(88);
   const Faults f = random_faults(random);
-  const SplintScans scans = scans_of(*p.planned.splint, f, 0.0, 9);
+  const SplintScans scans = scans_of(*p.planned.splint, f, {}, 9);
   put("s.ply", *scans.splint);
   put("u.ply", *scans.maxilla);
   put("l.ply", *scans.mandible);
