@@ -1,6 +1,7 @@
 #include "acquisition/recording_messages.h"
 
 #include <fmt/format.h>
+#include <google/protobuf/stubs/logging.h>
 
 #include <algorithm>
 #include <array>
@@ -47,8 +48,11 @@ void stamp(Message& message, HostTime capture) {
   message.mutable_timestamp()->set_nanos(static_cast<int>(nanos));
 }
 
+/// A damaged message is told by its reader, in one line; protobuf's own log would add others.
 template <class Message>
 bool parse(std::string_view bytes, Message& message) {
+  static const auto previous_handler = google::protobuf::SetLogHandler(nullptr);
+  (void)previous_handler;
   return message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()));
 }
 
