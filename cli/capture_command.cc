@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "acquisition/scanner/scan_devices.h"
 #include "acquisition/session.h"
 #include "core/file.h"
 #include "pipeline/version.h"
@@ -22,29 +23,33 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 std::atomic<bool> asked_to_end{false};
+std::atomic<int> scans_asked{0};
 
-/// SIGINT and SIGTERM end the recording properly; a limit on the file's size is told by write(), not by a
-/// signal.
-class EndSignals {
+/// SIGINT and SIGTERM end the recording properly; SIGUSR1 asks for a scan; a limit on the file's size is told
+/// by write(), not by a signal.
+class CaptureSignals {
  public:
-  EndSignals() {
+  CaptureSignals() {
     struct sigaction action {};
     action.sa_handler = [](int) { asked_to_end = true; };
     ::sigaction(SIGINT, &action, &old_int_);
     ::sigaction(SIGTERM, &action, &old_term_);
+    action.sa_handler = [](int) { ++scans_asked; };
+    ::sigaction(SIGUSR1, &action, &old_usr1_);
     struct sigaction ignore {};
     ignore.sa_handler = SIG_IGN;
     ::sigaction(SIGXFSZ, &ignore, &old_xfsz_);
   }
-  ~EndSignals() {
+  ~CaptureSignals() {
     ::sigaction(SIGINT, &old_int_, nullptr);
     ::sigaction(SIGTERM, &old_term_, nullptr);
+    ::sigaction(SIGUSR1, &old_usr1_, nullptr);
     ::sigaction(SIGXFSZ, &old_xfsz_, nullptr);
   }
 
  private:
   struct sigaction old_int_ {
-  }, old_term_{}, old_xfsz_{};
+  }, old_term_{}, old_usr1_{}, old_xfsz_{};
 };
 
 struct CaptureOptions {
@@ -127,10 +132,28 @@ std::string fit_to_terminal(std::string line) {
   return line;
 }
 
+/// Devices of a session that can do more than deliver. They live as long as the session.
+template <class T>
+std::vector<T*> those_that(const std::vector<std::unique_ptr<Device>>& devices) {
+  std::vector<T*> found;
+  for (const auto& device : devices)
+    if (auto* able = dynamic_cast<T*>(device.get())) found.push_back(able);
+  return found;
+}
+
+/// Each SIGUSR1 asks every scanner for one scan.
+void pass_on_requests(const std::vector<ScanOnRequest*>& scanners) {
+  for (int n = scans_asked.exchange(0); n > 0; --n) {
+    if (scanners.empty()) say("no instrument here scans on request");
+    for (ScanOnRequest* scanner : scanners) scanner->request_scan();
+  }
+}
+
 /// Waits for the end, showing on a terminal how it goes and telling each device that fails.
-void watch(Session& session, double duration_s, bool show) {
+void watch(Session& session, const std::vector<ScanOnRequest*>& scanners, double duration_s, bool show) {
   std::set<std::string> told;
   while (true) {
+    pass_on_requests(scanners);
     const SessionStatus status = session.status();
     for (const SessionDevice& d : status.devices)
       if (d.health.state == DeviceState::kFailed && told.insert(d.description.stream).second)
@@ -184,13 +207,19 @@ Result<CommandOutput> capture(const CaptureOptions& o, const CommonOptions& comm
   for (const DeviceConfig& config : configs) GNATHION_CHECK_OK(attach_files_of(config, options.attachments));
   for (const std::string& file : o.attach) GNATHION_CHECK_OK(attach_file(file, options.attachments));
 
-  const EndSignals signals;
+  const CaptureSignals signals;
   SystemClock clock;
   std::vector<std::unique_ptr<Device>> devices = open_devices(configs, clock, common.quiet);
   if (devices.empty()) return bad_input("cannot record", o.devices, "none of its devices could be opened");
+  const auto scanners = those_that<ScanOnRequest>(devices);
+  const auto remembering = those_that<RemembersScans>(devices);
   GNATHION_TRY(const auto session, Session::start(o.out, std::move(devices), std::move(options), clock));
-  watch(*session, o.duration_s, !common.quiet && ::isatty(STDERR_FILENO));
-  GNATHION_CHECK_OK(session->finish());
+  if (!scanners.empty() && !common.quiet) say(fmt::format("kill -USR1 {} asks for a face scan", ::getpid()));
+  watch(*session, scanners, o.duration_s, !common.quiet && ::isatty(STDERR_FILENO));
+  if (const Status finished = session->finish(); !finished) {
+    for (RemembersScans* device : remembering) device->recording_failed();
+    return tl::unexpected<Error>(finished.error());
+  }
   const SessionStatus status = session->status();
   const bool all_failed = std::all_of(status.devices.begin(), status.devices.end(),
                                       [](const auto& d) { return d.health.state == DeviceState::kFailed; });
@@ -206,8 +235,8 @@ Result<CommandOutput> capture(const CaptureOptions& o, const CommonOptions& comm
 
 void add_capture(CLI::App& recording, ChosenCommand& chosen) {
   auto o = std::make_shared<CaptureOptions>();
-  CLI::App* command =
-      recording.add_subcommand("capture", "record from live instruments until Ctrl-C or --duration-s");
+  CLI::App* command = recording.add_subcommand(
+      "capture", "record from live instruments until Ctrl-C or --duration-s; SIGUSR1 asks for a face scan");
   command->add_option("--devices", o->devices, "which instruments, and how they are set (devices.toml)")
       ->required();
   command

@@ -70,6 +70,13 @@ Result<DepthSettings> settings_from(const DeviceConfig& config) {
   return s;
 }
 
+/// Frames of one uninterrupted stream.
+struct Burst {
+  std::vector<DepthImage> frames;
+  HostTime first, last;           ///< when the first and the last frame that is kept came
+  std::vector<std::string> lost;  ///< why frames between them are missing
+};
+
 class DepthCameraDevice : public Device, public ScanOnRequest {
  public:
   DepthCameraDevice(const DeviceConfig& config, DepthSettings settings, Clock& clock)
@@ -115,12 +122,10 @@ class DepthCameraDevice : public Device, public ScanOnRequest {
  private:
   void scan_until_stopped() {
     while (wait_for_request()) {
-      const HostTime asked = clock_.now();
-      std::vector<std::string> lost;
-      auto frames = burst(lost);
+      const auto frames = burst();
       if (outbox_.stopping()) break;
       if (frames)
-        deliver(*frames, asked, lost);
+        deliver(*frames);
       else
         outbox_.reject(clock_.now(), frames.error().line());
       if (s_.once) break;
@@ -136,17 +141,19 @@ class DepthCameraDevice : public Device, public ScanOnRequest {
   }
 
   /// The stream runs only for a scan: the camera's projector is off between scans. While it cannot be opened
-  /// it is tried again until the time is over.
-  Result<std::vector<DepthImage>> burst(std::vector<std::string>& lost) {
+  /// it is tried again until the time is over. A camera that went away begins anew, warm-up and all: it may
+  /// have been moved.
+  Result<Burst> burst() {
     const auto end = steady_clock::now() + milliseconds(static_cast<long>(1000 * s_.timeout_s));
     std::unique_ptr<UvcDepthStream> stream;
-    std::vector<DepthImage> frames;
+    Burst burst;
     int to_skip = s_.warm_up_frames;
     Error last{ErrorCode::kInput, "cannot scan", where_, "no frame came"};
-    while (static_cast<int>(frames.size()) < s_.frames && !outbox_.stopping()) {
+    while (static_cast<int>(burst.frames.size()) < s_.frames && !outbox_.stopping()) {
       if (steady_clock::now() > end) {
-        last.why += fmt::format(" ({} of {} frames in {:.1f} s{}{})", frames.size(), s_.frames, s_.timeout_s,
-                                lost.empty() ? "" : "; lost: ", lost.empty() ? "" : lost.back());
+        last.why +=
+            fmt::format(" ({} of {} frames in {:.1f} s{}{})", burst.frames.size(), s_.frames, s_.timeout_s,
+                        burst.lost.empty() ? "" : "; lost: ", burst.lost.empty() ? "" : burst.lost.back());
         return tl::unexpected<Error>(last);
       }
       if (!stream) {
@@ -163,12 +170,17 @@ class DepthCameraDevice : public Device, public ScanOnRequest {
       if (!event) {
         away(last = event.error());
         stream.reset();
+        burst = {};
+        to_skip = s_.warm_up_frames;
         continue;
       }
-      if (!event->lost.empty()) lost.push_back(event->lost);
-      if (event->frame && to_skip-- <= 0) frames.push_back(std::move(*event->frame));
+      if (!event->lost.empty()) burst.lost.push_back(event->lost);
+      if (!event->frame || to_skip-- > 0) continue;
+      burst.last = clock_.now();
+      if (burst.frames.empty()) burst.first = burst.last;
+      burst.frames.push_back(std::move(*event->frame));
     }
-    return frames;
+    return burst;
   }
 
   void away(const Error& error) {
@@ -189,17 +201,18 @@ class DepthCameraDevice : public Device, public ScanOnRequest {
     outbox_.set_state(DeviceState::kRunning, "scanning");
   }
 
-  void deliver(const std::vector<DepthImage>& frames, HostTime asked, const std::vector<std::string>& lost) {
+  void deliver(const Burst& burst) {
     const HostTime now = clock_.now();
-    const auto fused = fuse_depth(frames, s_.intrinsics, s_.fusion);
+    const auto fused = fuse_depth(burst.frames, s_.intrinsics, s_.fusion);
     if (!fused) return outbox_.reject(now, fused.error().line());
     const ScanSurface surface = surface_from_grid(fused->grid, {}, {});
     if (surface.mesh.empty()) return outbox_.reject(now, "what was measured holds together nowhere");
-    if (!lost.empty())
+    if (!burst.lost.empty())
       outbox_.tell(now, "warning", true,
-                   fmt::format("{} frame(s) of the burst were lost; the last: {}", lost.size(), lost.back()));
+                   fmt::format("{} frame(s) of the burst were lost; the last: {}", burst.lost.size(),
+                               burst.lost.back()));
     ScanSample sample;
-    sample.header = outbox_.header(HostTime{asked.ns + (now.ns - asked.ns) / 2}, now);
+    sample.header = outbox_.header(HostTime{burst.first.ns + (burst.last.ns - burst.first.ns) / 2}, now);
     sample.name = fmt::format("{}_{:04}.ply", stream_, sample.header.sequence + 1);
     std::string ply = format_scan_ply(surface);
     sample.sha256 = sha256_hex(ply);

@@ -20,8 +20,18 @@ class ScanOnRequest {
  public:
   virtual ~ScanOnRequest() = default;
   /// Asks for one scan of what is seen from now on. Any thread; returns at once. Requests are counted: each
-  /// one is answered by a ScanSample or by a rejected LedgerSample that says why there is none.
+  /// one is answered by a ScanSample or by a rejected LedgerSample that says why there is none, unless the
+  /// device is stopped meanwhile.
   virtual void request_scan() = 0;
+};
+
+/// A device that remembers across sessions which scans it delivered: dynamic_cast a Device to it.
+class RemembersScans {
+ public:
+  virtual ~RemembersScans() = default;
+  /// The recording failed (full disk): what was delivered last may not be in it and is to be offered again.
+  /// After the device was stopped, before it is destroyed. Any thread.
+  virtual void recording_failed() = 0;
 };
 
 }  // namespace gnathion

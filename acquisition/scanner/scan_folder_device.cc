@@ -18,6 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// From handing a scan over until it is remembered as taken. A session writes a sample within 60 ms and syncs
+/// every 300 ms; the rest is for a disk that is slow.
+constexpr std::int64_t kRemember_ns = 10'000'000'000;
+
 struct FolderSettings {
   fs::path folder, taken_list;
   IntakeOptions intake;
@@ -59,27 +63,45 @@ struct Export {
   std::map<std::string, std::string> companions;
 };
 
-class ScanFolderDevice : public Device {
+/// A scan that was made a sample and may not be in the recording yet.
+struct Unrecorded {
+  std::string sha256, name;             ///< as in the sample
+  std::string path;                     ///< from the folder on
+  std::optional<HostTime> handed_over;  ///< by next()
+};
+
+class ScanFolderDevice : public Device, public RemembersScans {
  public:
-  ScanFolderDevice(const DeviceConfig& config, FolderSettings settings, TakenScans taken, Clock& clock)
+  ScanFolderDevice(const DeviceConfig& config, FolderSettings settings, TakenScans taken,
+                   ScansUnderway underway, Clock& clock)
       : kind_(config.kind),
         stream_(config.stream),
         settings_(std::move(settings)),
         clock_(clock),
         watch_(settings_.folder, settings_.use_events, settings_.subfolders),
         intake_(settings_.intake),
-        taken_(std::move(taken)) {}
+        taken_(std::move(taken)),
+        underway_(std::move(underway)) {}
 
-  ~ScanFolderDevice() override { remember_handed_over(); }
+  /// Samples are written by now, whatever their age, unless the recording failed.
+  ~ScanFolderDevice() override {
+    if (recording_failed_) return;
+    remember(std::nullopt);
+    ended_ ? (void)underway_.set({}) : note_underway(clock_.now());
+  }
 
   Status begin() {
-    GNATHION_TRY(const Listing listing, watch_.list());
+    GNATHION_TRY(Listing listing, watch_.list());
     started_ = clock_.now();
     if (!watch_.has_events() || !watch_.why_no_events().empty())
       polled_ =
           fmt::format("the folder is only polled ({}): a file is taken {:.1f} s after its last change",
                       watch_.why_no_events(), static_cast<double>(settings_.intake.settle_unseen_ns) * 1e-9);
     set_state(DeviceState::kRunning, fmt::format("watching {}", settings_.folder.string()));
+    for (const std::string& name : underway_.names())
+      if (listing.erase(name) > 0)
+        tell(started_, "warning", true,
+             fmt::format("{} was on its way when the last recording broke off: it is looked at again", name));
     if (settings_.take_existing) return {};
     intake_.ignore_present(listing);
     std::uint32_t count = 0;
@@ -92,21 +114,24 @@ class ScanFolderDevice : public Device {
 
   Result<std::optional<Sample>> next() override {
     for (;;) {
-      remember_handed_over();
+      remember(clock_.now());
+      if (stopped_) settle_accounts();
+      if (!outbox_.empty()) {
+        Sample sample = std::move(outbox_.front());
+        outbox_.pop_front();
+        if (const auto* scan = std::get_if<ScanSample>(&sample)) mark_handed_over(*scan);
+        return std::optional<Sample>(std::move(sample));
+      }
       if (stopped_) {
         set_state(DeviceState::kStopped, "stopped");
         return std::optional<Sample>();
       }
-      if (!outbox_.empty()) {
-        Sample sample = std::move(outbox_.front());
-        outbox_.pop_front();
-        if (const auto* scan = std::get_if<ScanSample>(&sample)) handed_over_ = {scan->sha256, scan->name};
-        return std::optional<Sample>(std::move(sample));
-      }
       look();
-      if (outbox_.empty() && !stopped_) watch_.wait(intake_.waiting() > 0 ? 30 : settings_.poll_ms);
+      if (outbox_.empty() && !stopped_) watch_.wait(intake_.waiting().empty() ? settings_.poll_ms : 30);
     }
   }
+
+  void recording_failed() override { recording_failed_ = true; }
 
   void stop() override {
     stopped_ = true;
@@ -142,6 +167,26 @@ class ScanFolderDevice : public Device {
     intake_.update(*listing, now);
     for (const std::string& name : intake_.ready(now)) consider(name, now);
     for (const auto& given_up : intake_.overdue(now)) reject(now, given_up.name, 1, given_up.reason);
+    note_underway(now);
+  }
+
+  /// At the stop, once: files that were still to come get their line.
+  void settle_accounts() {
+    if (ended_) return;
+    ended_ = true;
+    const HostTime now = clock_.now();
+    if (const auto listing = watch_.list()) intake_.update(*listing, now);
+    note_underway(now);  // should the recording fail now
+    for (const std::string& name : intake_.waiting())
+      reject(now, name, 1, "not complete when the recording ended; existing = \"take\" takes it next time");
+  }
+
+  /// What a crash from here on must not make us forget.
+  void note_underway(HostTime now) {
+    std::set<std::string> names;
+    for (std::string& name : intake_.waiting()) names.insert(std::move(name));
+    for (const Unrecorded& scan : unrecorded_) names.insert(scan.path);
+    if (const Status written = underway_.set(std::move(names)); !written) complain(now, written.error());
   }
 
   /// False while the folder is away. Its coming and going are events.
@@ -268,6 +313,7 @@ class ScanFolderDevice : public Device {
     sample.files = std::move(scan.companions);
     sample.files[sample.name] = std::move(scan.mesh);
     queued_[sha256] = sample.name;
+    unrecorded_.push_back({sha256, sample.name, scan.name, std::nullopt});
     {
       std::lock_guard lock(mutex_);
       ++health_.received;
@@ -284,16 +330,31 @@ class ScanFolderDevice : public Device {
     return name;
   }
 
-  /// The scan that next() returned last was received: only now is it never to come again.
-  void remember_handed_over() {
-    if (handed_over_.first.empty()) return;
-    const Status written = taken_.add(handed_over_.first, handed_over_.second);
-    handed_over_ = {};
-    if (written || list_complained_) return;
+  void mark_handed_over(const ScanSample& scan) {
+    for (Unrecorded& waiting : unrecorded_)
+      if (waiting.sha256 == scan.sha256) waiting.handed_over = clock_.now();
+  }
+
+  /// Scans that were handed over long ago are in the recording: they are never to come again. Without a time:
+  /// all that were handed over.
+  void remember(std::optional<HostTime> now) {
+    for (auto scan = unrecorded_.begin(); scan != unrecorded_.end();) {
+      if (!scan->handed_over || (now && now->ns - scan->handed_over->ns < kRemember_ns)) {
+        ++scan;
+        continue;
+      }
+      if (const Status written = taken_.add(scan->sha256, scan->name); !written)
+        complain(clock_.now(), written.error());
+      scan = unrecorded_.erase(scan);
+    }
+  }
+
+  void complain(HostTime now, const Error& error) {
+    if (list_complained_) return;
     list_complained_ = true;
-    tell(clock_.now(), "warning", true,
-         fmt::format("{}: {}: after a restart its scans would be taken again", settings_.taken_list.string(),
-                     written.error().why));
+    tell(now, "warning", true,
+         fmt::format("{}: {}: a restart may take scans again, or miss those that were on their way",
+                     settings_.taken_list.string(), error.why));
   }
 
   SampleHeader header(const std::string& name, HostTime now) {
@@ -342,13 +403,16 @@ class ScanFolderDevice : public Device {
   FolderWatch watch_;
   ScanIntake intake_;
   TakenScans taken_;
+  ScansUnderway underway_;
   std::deque<Sample> outbox_;
-  std::optional<Export> held_;                       ///< the last that waits for its texture
-  std::map<std::string, std::string> queued_;        ///< sha256 → name, of this session
-  std::set<std::string> names_;                      ///< of this session's samples
-  std::pair<std::string, std::string> handed_over_;  ///< sha256, name
+  std::optional<Export> held_;                 ///< the last that waits for its texture
+  std::map<std::string, std::string> queued_;  ///< sha256 → name, of this session
+  std::set<std::string> names_;                ///< of this session's samples
+  std::vector<Unrecorded> unrecorded_;
   std::uint32_t sequence_ = 0, event_sequence_ = 0;
   bool present_ = true, list_complained_ = false;
+  bool ended_ = false;  ///< stopped, and every file has its scan or its line
+  std::atomic<bool> recording_failed_ = false;
   HostTime started_;
   std::atomic<bool> stopped_ = false;
   mutable std::mutex mutex_;
@@ -365,7 +429,9 @@ Result<std::unique_ptr<Device>> open_scan_folder(const DeviceConfig& config, Clo
         "cannot open device", config.where,
         fmt::format("folder {} does not exist; create it or mount the share", settings.folder.string()));
   GNATHION_TRY(TakenScans taken, TakenScans::load(settings.taken_list));
-  auto device = std::make_unique<ScanFolderDevice>(config, std::move(settings), std::move(taken), clock);
+  GNATHION_TRY(ScansUnderway underway, ScansUnderway::load(settings.taken_list.string() + ".underway"));
+  auto device = std::make_unique<ScanFolderDevice>(config, std::move(settings), std::move(taken),
+                                                   std::move(underway), clock);
   GNATHION_CHECK_OK(device->begin());
   return device;
 }

@@ -161,10 +161,11 @@ std::optional<FileState> ScanIntake::state_of(const std::string& name) const {
   return found->second.state;
 }
 
-std::size_t ScanIntake::waiting() const {
-  return static_cast<std::size_t>(std::count_if(files_.begin(), files_.end(), [](const auto& entry) {
-    return is_mesh_name(entry.first) && !entry.second.done;
-  }));
+std::vector<std::string> ScanIntake::waiting() const {
+  std::vector<std::string> names;
+  for (const auto& [name, file] : files_)
+    if (is_mesh_name(name) && !file.done) names.push_back(name);
+  return names;
 }
 
 }  // namespace gnathion

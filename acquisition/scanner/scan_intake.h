@@ -78,7 +78,7 @@ class ScanIntake {
   std::optional<HostTime> last_change(const std::string& name) const;
   std::optional<HostTime> first_seen(const std::string& name) const;
   std::optional<FileState> state_of(const std::string& name) const;
-  std::size_t waiting() const;  ///< mesh files on their way
+  std::vector<std::string> waiting() const;  ///< mesh files on their way
 
  private:
   struct File {

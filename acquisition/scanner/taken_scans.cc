@@ -46,4 +46,31 @@ Status TakenScans::add(const std::string& sha256, const std::string& name) {
   return write_file(file_, text);
 }
 
+Result<ScansUnderway> ScansUnderway::load(const std::filesystem::path& file) {
+  ScansUnderway underway;
+  underway.file_ = file;
+  std::error_code ec;
+  if (!std::filesystem::exists(file, ec)) return underway;
+  GNATHION_TRY(const std::string text, read_file(file));
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);)
+    if (!line.empty()) underway.names_.insert(line);
+  return underway;
+}
+
+Status ScansUnderway::set(std::set<std::string> names) {
+  // A name with a line's end in it cannot stand on a line; such a file is not remembered.
+  std::erase_if(names, [](const std::string& name) { return name.find('\n') != std::string::npos; });
+  if (names == names_) return {};
+  names_ = std::move(names);
+  if (names_.empty()) {
+    std::error_code ec;
+    std::filesystem::remove(file_, ec);
+    return {};
+  }
+  std::string text;
+  for (const std::string& name : names_) text += name + "\n";
+  return write_file(file_, text);
+}
+
 }  // namespace gnathion

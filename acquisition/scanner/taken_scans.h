@@ -1,8 +1,9 @@
-// Which scans were taken, across restarts.
+// Which scans were taken, and which were on their way, across restarts.
 #pragma once
 
 #include <filesystem>
 #include <map>
+#include <set>
 #include <string>
 
 #include "core/result.h"
@@ -23,6 +24,20 @@ class TakenScans {
  private:
   std::filesystem::path file_;
   std::map<std::string, std::string> names_;
+};
+
+/// Files that were seen but are not yet in the list above: a name a line. The file is there only while there
+/// are any; one that is found at the start was left by a program that died.
+class ScansUnderway {
+ public:
+  static Result<ScansUnderway> load(const std::filesystem::path& file);
+  const std::set<std::string>& names() const { return names_; }
+  /// Writes the file, or removes it, when something has changed.
+  Status set(std::set<std::string> names);
+
+ private:
+  std::filesystem::path file_;
+  std::set<std::string> names_;
 };
 
 }  // namespace gnathion

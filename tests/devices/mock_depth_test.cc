@@ -186,11 +186,19 @@ class DepthCamera : public ::testing::Test {
 TEST_F(DepthCamera, ABurstBecomesAScan) {
   Camera camera;
   camera.usb.plug();
+  HostTime before_kept{0};  // frames 0 and 1 are warm-up
+  camera.spoil = [&](int, std::string payload) {
+    if (camera.frames == 3 && before_kept.ns == 0) before_kept = clock_.now();
+    return payload;
+  };
   open();
   ASSERT_TRUE(wait_scan()) << device_->health().message;
   const auto samples = pull_->stop();
   ASSERT_EQ(samples.size(), 1u);
   expect_plane(std::get<ScanSample>(samples[0]));
+  const SampleHeader& header = std::get<ScanSample>(samples[0]).header;
+  EXPECT_GT(header.capture.ns, before_kept.ns);
+  EXPECT_LE(header.capture.ns, header.arrival.ns);
   EXPECT_EQ(camera.probes, 1);
   EXPECT_TRUE(camera.committed);
   EXPECT_EQ(device_->description().serial, "D1");
@@ -228,9 +236,16 @@ TEST_F(DepthCamera, UnpluggedInTheMiddleItGoesOnWhenItIsBack) {
                s, [](const EventSample& e) { return e.kind == "device" && !e.pressed; }) == 1;
   }));
   camera.committed = false;
+  const int before = camera.frames;
+  const HostTime replugged = clock_.now();
   camera.usb.plug();
   ASSERT_TRUE(wait_scan()) << device_->health().message;
   const auto samples = pull_->stop();
+  // All of the scan is of the time after it came back, warm-up included.
+  EXPECT_GE(camera.frames - before, 300 + 2);
+  const auto scans = Pull::all<ScanSample>(samples);
+  ASSERT_EQ(scans.size(), 1u);
+  EXPECT_GT(scans[0].header.capture.ns, replugged.ns);
   EXPECT_EQ(
       Pull::count<EventSample>(samples, [](const EventSample& e) { return e.kind == "device" && e.pressed; }),
       1u);

@@ -2,15 +2,18 @@
 // dead.
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <chrono>
+#include <csignal>
 #include <fstream>
 #include <set>
 #include <thread>
 
 #include "acquisition/device.h"
+#include "acquisition/scanner/scan_devices.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "core/random.h"
@@ -227,6 +230,80 @@ TEST_F(ScanFolder, RemembersAcrossARestart) {
   std::size_t refused_a = 0;
   for (const Sample& s : others_) refused_a += std::get<LedgerSample>(s).reason.find("a.ply") == 0;
   EXPECT_EQ(refused_a, 1u);
+}
+
+TEST_F(ScanFolder, AKilledProgramGetsAgainWhatMayNotBeRecorded) {
+  put(inbox() / "old.ply", ply(30));
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    open();
+    const auto wait_for = [&](const char* name) {
+      for (;;) {
+        const auto sample = device_->next();
+        if (!sample || !*sample) ::_exit(1);
+        const auto* scan = std::get_if<ScanSample>(&**sample);
+        if (scan && scan->name == name) return;
+      }
+    };
+    put(inbox() / "a.ply", ply(31));
+    wait_for("a.ply");
+    put(inbox() / "b.ply", ply(32));
+    wait_for("b.ply");  // a was handed over long ago, as next() goes
+    ::raise(SIGKILL);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  ASSERT_TRUE(WIFSIGNALED(status));
+  open();
+  std::set<std::string> got;
+  for (int i = 0; i < 2; ++i) {
+    const auto s = scan();
+    ASSERT_TRUE(s);
+    got.insert(s->name);
+  }
+  EXPECT_EQ(got, (std::set<std::string>{"a.ply", "b.ply"}));  // old.ply was never on its way
+  std::size_t told = 0;
+  for (const Sample& s : others_)
+    if (const auto* event = std::get_if<EventSample>(&s)) told += event->kind == "warning";
+  EXPECT_EQ(told, 2u);
+}
+
+TEST_F(ScanFolder, AFailedRecordingGivesItsLastScansBack) {
+  open();
+  put(inbox() / "a.ply", ply(33));
+  ASSERT_TRUE(scan());
+  dynamic_cast<RemembersScans&>(*device_).recording_failed();
+  device_.reset();
+  open();
+  const auto again = scan();
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->name, "a.ply");
+  device_->stop();
+  EXPECT_FALSE(*device_->next());
+  device_.reset();  // this recording is sound
+  open({{"existing", std::string("take")}});
+  const auto refused = line();
+  ASSERT_TRUE(refused);
+  EXPECT_NE(refused->reason.find("taken before"), std::string::npos) << refused->reason;
+}
+
+TEST_F(ScanFolder, AStopLosesNoScanAndNoLine) {
+  for (std::uint64_t i = 0; i < 3; ++i) put(inbox() / ("s" + std::to_string(i) + ".ply"), ply(40 + i));
+  open({{"existing", std::string("take")}});
+  ASSERT_TRUE(scan());  // all three settle in one look
+  std::ofstream half(inbox() / "half.ply", std::ios::binary);
+  half << "ply" << std::flush;
+  device_->stop();
+  std::vector<Sample> rest;
+  for (auto s = device_->next(); s && *s; s = device_->next()) rest.push_back(**s);
+  ASSERT_EQ(rest.size(), 3u);
+  EXPECT_TRUE(std::holds_alternative<ScanSample>(rest[0]));
+  EXPECT_TRUE(std::holds_alternative<ScanSample>(rest[1]));
+  const auto& left = std::get<LedgerSample>(rest[2]);
+  EXPECT_EQ(left.reason.find("half.ply: not complete when the recording ended"), 0u) << left.reason;
+  device_.reset();
+  EXPECT_FALSE(fs::exists(root_ / "face.taken.underway"));
 }
 
 TEST_F(ScanFolder, WhatWasThereBeforeIsLeftUntilItChanges) {
