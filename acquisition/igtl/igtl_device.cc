@@ -22,6 +22,7 @@ constexpr const char* kKind = "openigtlink";
 constexpr int kWaitMs = 100;  // the longest wait, so that silence is seen
 constexpr int kConnectMs = 2000;
 constexpr int kFirstRetryMs = 50, kLastRetryMs = 1000;
+constexpr std::int64_t kDoubt_ns = 1'000'000'000;  // so long an incomplete message is believed without a look
 constexpr std::int64_t kRateWindow_ns = 2'000'000'000;
 
 struct Settings {
@@ -95,6 +96,8 @@ class IgtlDevice : public Device {
   void read();
   bool send_requests();
   void drain_framer(HostTime arrival);
+  void take(const igtl::Item& item, HostTime arrival);
+  void doubt_the_incomplete(HostTime now);
   void lose(const std::string& why);
   void came_back();
   EventSample state_event(bool pressed, std::string text);
@@ -113,6 +116,7 @@ class IgtlDevice : public Device {
   int retry_ms_ = kFirstRetryMs;
   bool heard_ = false, ever_heard_ = false, told_lost_ = false, wait_before_retry_ = false;
   HostTime last_bytes_;
+  HostTime believed_from_;  ///< nothing was waiting, or what waits was looked through
   std::uint32_t events_ = 0;
   // Shared.
   mutable std::mutex mutex_;
@@ -149,7 +153,7 @@ void IgtlDevice::try_to_connect() {
     framer_ = Framer(settings_.max_body_bytes);
     translator_.on_connect();
     heard_ = false;
-    last_bytes_ = clock_.now();
+    last_bytes_ = believed_from_ = clock_.now();
     if (send_requests()) {
       set_state(ever_heard_ ? DeviceState::kRecovering : DeviceState::kStarting,
                 "connected to " + peer() + ", waiting for its first message");
@@ -184,18 +188,33 @@ void IgtlDevice::read() {
   } else if (settings_.silence_ns > 0 && now.ns - last_bytes_.ns > settings_.silence_ns) {
     lose(fmt::format("silent for {:.1f} s", static_cast<double>(now.ns - last_bytes_.ns) * 1e-9));
   }
+  doubt_the_incomplete(now);
 }
 
 void IgtlDevice::drain_framer(HostTime arrival) {
   while (auto item = framer_.next()) {
-    if (item->kind == igtl::Item::Kind::kMessage && !heard_) came_back();
-    for (Sample& sample : translator_.take(*item, arrival)) {
-      count(sample);
-      ready_.push_back(std::move(sample));
-    }
+    take(*item, arrival);
+    believed_from_ = arrival;
   }
+  if (framer_.waiting_bytes() == 0) believed_from_ = arrival;
   std::lock_guard lock(mutex_);
   health_.clock = translator_.clock();
+}
+
+void IgtlDevice::take(const igtl::Item& item, HostTime arrival) {
+  if (item.kind == igtl::Item::Kind::kMessage && !heard_) came_back();
+  for (Sample& sample : translator_.take(item, arrival)) {
+    count(sample);
+    ready_.push_back(std::move(sample));
+  }
+}
+
+/// A wrong length would swallow small messages for hours, and bytes come, so that nothing is silent.
+void IgtlDevice::doubt_the_incomplete(HostTime now) {
+  if (now.ns - believed_from_.ns < kDoubt_ns) return;
+  believed_from_ = now;
+  if (const auto item = framer_.give_up_if_overtaken()) take(*item, now);
+  drain_framer(now);
 }
 
 /// The first whole message on a connection: from now on the peer is there.

@@ -203,6 +203,39 @@ std::optional<Item> Framer::next() {
   }
 }
 
+/// Where the first whole message behind the start of the buffer begins; 0: there is none.
+std::size_t Framer::whole_message_after_first_byte() const {
+  const std::string_view bytes = rest();
+  std::uint64_t checked_bytes = 0;
+  for (std::size_t at = 1; at + kHeaderBytes <= bytes.size(); ++at) {
+    // Nearly every place of a picture or a mesh fails here, long before its fields are read.
+    if (bytes[at] != 0 || !std::isupper(static_cast<unsigned char>(bytes[at + 2]))) continue;
+    const HeaderCheck check = read_header(bytes.substr(at), max_body_bytes_);
+    // A message without a body has no checksum to prove it.
+    if (!check.fault.empty() || check.header.body_bytes == 0) continue;
+    if (check.header.body_bytes > bytes.size() - at - kHeaderBytes) continue;
+    const auto body_bytes = static_cast<std::size_t>(check.header.body_bytes);
+    if (crc64(bytes.substr(at + kHeaderBytes, body_bytes)) == check.header.crc) return at;
+    checked_bytes += body_bytes;
+    if (checked_bytes > 4 * max_body_bytes_) return 0;
+  }
+  return 0;
+}
+
+std::optional<Item> Framer::give_up_if_overtaken() {
+  const std::size_t at = whole_message_after_first_byte();
+  if (at == 0) return std::nullopt;
+  if (!in_step_) {
+    pass_over(at);
+    return told_skips();
+  }
+  const Header header = read_header(rest(), max_body_bytes_).header;
+  Item item = rejected(
+      header, fmt::format("announces {} bytes; after {} another message begins", header.body_bytes, at), at);
+  pass_over(at - 1);
+  return item;
+}
+
 Result<Content> content_of(const Header& header, std::string_view body) {
   constexpr const char* what = "cannot read OpenIGTLink message";
   if (header.version < 2) return Content{body, 0, {}};

@@ -60,6 +60,10 @@ class Framer {
   /// The connection has ended: what is incomplete becomes rejected, whole messages inside it are still found
   /// by next().
   void finish() { finished_ = true; }
+  /// For a message that has not come whole for long: where another whole one, with its checksum, stands
+  /// inside what waits, the length announced was a lie; the waiting message is rejected and next() goes on
+  /// with the other. Nothing when there is none: a large message on a slow line.
+  std::optional<Item> give_up_if_overtaken();
   /// Bytes that wait for the rest of their message.
   std::size_t waiting_bytes() const { return buffer_.size() - begin_; }
 
@@ -69,6 +73,7 @@ class Framer {
   void pass_over(std::size_t n);
   std::optional<Item> told_skips();
   Item rejected(const Header& header, std::string reason, std::size_t its_bytes);
+  std::size_t whole_message_after_first_byte() const;
   std::uint64_t max_body_bytes_;
   std::string buffer_;
   std::size_t begin_ = 0;

@@ -315,6 +315,40 @@ TEST_F(IgtlProtocol, MemoryFollowsWhatCameNotWhatWasAnnounced) {
   EXPECT_LT(lied.waiting_bytes(), igtl::kHeaderBytes);  // it does not wait for them
 }
 
+/// A picture on a slow line is waited for; one that another message overtakes is not.
+TEST_F(IgtlProtocol, AnIncompleteMessageIsGivenUpOnlyForAWholeOne) {
+  Image8 picture(300, 200);
+  for (auto& p : picture.pixels) p = static_cast<std::uint8_t>(random_.below(256));
+  const std::string slow = igtl_pack::image("cam", picture, 1);
+  const std::string pose = igtl_pack::transform("T", random_pose(random_).matrix(), 5);
+  const std::size_t cut = 100 + random_.below(50'000);
+  Framer framer;
+  framer.feed(slow.substr(0, cut));
+  EXPECT_FALSE(framer.next());
+  EXPECT_FALSE(framer.give_up_if_overtaken());
+  framer.feed(slow.substr(cut));
+  EXPECT_EQ(framer.next()->header.device, "cam");
+
+  framer.feed(slow.substr(0, cut) + pose.substr(0, 100));
+  EXPECT_FALSE(framer.next());
+  EXPECT_FALSE(framer.give_up_if_overtaken());  // the pose is not whole either
+  framer.feed(pose.substr(100) + pose);
+  EXPECT_FALSE(framer.next());
+  const auto given_up = framer.give_up_if_overtaken();
+  ASSERT_TRUE(given_up);
+  EXPECT_EQ(given_up->kind, Item::Kind::kRejected);
+  EXPECT_EQ(given_up->header.device, "cam");
+  EXPECT_NE(given_up->reason.find("after " + std::to_string(cut) + " another"), std::string::npos);
+  for (int i = 0; i < 2; ++i) {
+    const auto item = framer.next();
+    ASSERT_TRUE(item);
+    EXPECT_EQ(item->kind, Item::Kind::kMessage);
+    EXPECT_EQ(item->body, pose.substr(igtl::kHeaderBytes));
+  }
+  EXPECT_FALSE(framer.next());
+  EXPECT_EQ(framer.waiting_bytes(), 0u);
+}
+
 /// Headers in every place, none of which holds: the work stays in proportion to the bytes.
 TEST_F(IgtlProtocol, AFloodOfFalseHeadersEnds) {
   constexpr std::uint64_t kMost = 1 << 20;
