@@ -135,6 +135,23 @@ expect 2 'exists' "$gnathion" recording capture --devices "$work/one.toml" --out
 "$gnathion" recording capture --quiet --devices "$work/none.toml" --out "$work/never.mcap" 2>/dev/null
 [ $? -eq 4 ] && [ ! -e "$work/never.mcap" ] || { echo "FAILED: a capture without a device"; failures=$((failures + 1)); }
 
+# SIGUSR1 asks every scanner for a scan; one whose camera is not plugged in answers with a line that says so.
+printf '[[camera]]\nname = "d"\nwidth_px = 80\nheight_px = 60\nfx_px = 90\nfy_px = 90\ncx_px = 39.5\ncy_px = 29.5\nk1 = 0\nk2 = 0\np1 = 0\np2 = 0\nk3 = 0\nrig_from_camera = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n' >"$work/depth.toml"
+printf '[[device]]\nkind = "depth_camera"\nname = "face"\nvendor = "fffe"\nproduct = "fffe"\nintrinsics = "depth.toml"\ntimeout_s = 0.2\n' >"$work/scanner.toml"
+"$gnathion" recording capture --devices "$work/scanner.toml" --out "$work/asked.mcap" >/dev/null 2>"$work/asked.err" &
+capture=$!
+for _ in $(seq 300); do grep -q "kill -USR1 $capture" "$work/asked.err" && break; sleep 0.1; done
+kill -USR1 "$capture"
+for _ in $(seq 100); do
+  "$gnathion" recording recover --quiet --force "$work/asked.mcap" --out "$work/so_far.mcap" 2>/dev/null
+  "$gnathion" recording info "$work/so_far.mcap" 2>/dev/null | grep -q 'no camera fffe:fffe' && break
+  sleep 0.1
+done
+kill -TERM "$capture"
+wait "$capture"
+expect 0 '' "$gnathion" recording info "$work/asked.mcap"
+grep -q 'no camera fffe:fffe' "$work/stdout" || { echo "FAILED: SIGUSR1 asked for no scan"; failures=$((failures + 1)); }
+
 # Import and export: there and back, the same bytes again, nothing half-written.
 sequence="$(dirname "$0")/../fuzz/corpus/plus_sequence/images.mha"
 expect 0 '' "$gnathion" recording import --quiet --plus "$sequence" --out "$work/plus.mcap"
