@@ -66,18 +66,40 @@ TEST_F(ImportImages, FoldersOfTwoCameras) {
   EXPECT_EQ(done->frames, 23u);
   EXPECT_EQ(done->notes.size(), 3u);  // the text file; numbers 9 and 10; one picture more on the right
   std::size_t n[2] = {0, 0};
+  std::uint32_t missing = 0;
   for (const Sample& s : samples_of(folder_ / "a.mcap")) {
+    if (const auto* line = std::get_if<LedgerSample>(&s)) {
+      EXPECT_EQ(line->fate, LedgerSample::Fate::kMissing);
+      EXPECT_EQ(line->header.stream, "left");
+      EXPECT_EQ(line->header.sequence, 9u);
+      missing += line->count;
+      continue;
+    }
     const auto& frame = std::get<FrameSample>(s);
     const std::size_t k = frame.header.stream == "right";
     const std::size_t i = n[k]++;
-    EXPECT_EQ(frame.header.sequence, i);
-    EXPECT_NEAR(static_cast<double>(frame.header.capture.ns), static_cast<double>(i) * 1e9 / 60, 0.51);
+    const std::size_t place = k || i < 9 ? i : i + 2;  // after img8 comes img11
+    EXPECT_EQ(frame.header.sequence, place);
+    EXPECT_NEAR(static_cast<double>(frame.header.capture.ns), static_cast<double>(place) * 1e9 / 60, 0.51);
     EXPECT_EQ(frame.image.pixels, k ? right[11 - i].pixels : left[i].pixels);
   }
+  EXPECT_EQ(missing, 2u);
   EXPECT_EQ(n[0], 11u);
   EXPECT_EQ(n[1], 12u);
   ASSERT_TRUE(import_images(cameras, 60, folder_ / "b.mcap", progress_));
   EXPECT_EQ(*sha256_of_file(folder_ / "a.mcap"), *sha256_of_file(folder_ / "b.mcap"));
+}
+
+TEST_F(ImportImages, EverySecondPictureKeptIsNoLoss) {
+  images("s", {{"f10.png", mat(random_image(8, 6))},
+               {"f12.png", mat(random_image(8, 6))},
+               {"f14.png", mat(random_image(8, 6))}});
+  const auto done = import_images({{"cam", folder_ / "s"}}, 10, folder_ / "s.mcap", progress_);
+  ASSERT_TRUE(done) << done.error().line();
+  EXPECT_TRUE(done->notes.empty());
+  const auto samples = samples_of(folder_ / "s.mcap");
+  ASSERT_EQ(samples.size(), 3u);
+  EXPECT_EQ(header_of(samples[2]).capture.ns, 200'000'000);
 }
 
 TEST_F(ImportImages, ColourBecomesGrey) {
@@ -140,6 +162,31 @@ TEST_F(ImportImages, AVideoWithItsRate) {
   ASSERT_EQ(other->notes.size(), 1u);
   EXPECT_NE(other->notes[0].find("the video says 25 Hz; 50 Hz was asked for"), std::string::npos);
   EXPECT_EQ(header_of(samples_of(folder_ / "other.mcap")[1]).capture.ns, 20'000'000);
+
+  // Two frames in the middle are destroyed: the file still announces 20.
+  std::string bytes = *read_file(path);
+  std::size_t at = 0;
+  for (int i = 0; i < 12; ++i) {
+    at = bytes.find("00dc", at + 1);
+    ASSERT_NE(at, std::string::npos);
+    if (i >= 10) std::fill_n(bytes.begin() + static_cast<std::ptrdiff_t>(at) + 8, 200, '\0');
+  }
+  const auto hurt =
+      import_images({{"cam", file("hurt.avi", bytes)}}, std::nullopt, folder_ / "hurt.mcap", progress_);
+  ASSERT_TRUE(hurt) << hurt.error().line();
+  std::size_t frames = 0, missing = 0;
+  for (const Sample& s : samples_of(folder_ / "hurt.mcap")) {
+    if (const auto* line = std::get_if<LedgerSample>(&s); line && line->fate == LedgerSample::Fate::kMissing)
+      missing += line->count;
+    frames += std::holds_alternative<FrameSample>(s);
+  }
+  EXPECT_LT(frames, 20u);
+  EXPECT_EQ(frames + missing, 20u);
+  const auto source = RecordingSource::open(folder_ / "hurt.mcap");
+  ASSERT_TRUE(source);
+  const auto origin = (*source)->attachment("import.json");
+  ASSERT_TRUE(origin);
+  EXPECT_NE(origin->find("the video announces 20 frames, "), std::string::npos) << *origin;
 }
 
 class Exchange : public ExchangeTest {
@@ -360,6 +407,26 @@ TEST_F(Exchange, PlusFilesBecomeRecordings) {
   ASSERT_FALSE(refused);  // 16-bit pixels and no poses
   EXPECT_NE(refused.error().why.find("not unsigned 8-bit"), std::string::npos);
   EXPECT_FALSE(fs::exists(folder_ / "n.mcap"));
+}
+
+TEST_F(Exchange, TimesBeyondNanosecondsAreRefused) {
+  for (const char* timestamp : {"9.0e9", "-9.0e9", "5"}) {
+    const std::string start = timestamp[0] == '-' ? "-9.0e9" : "9.0e9";
+    file("s.igs.mha", "NDims = 3\nDimSize = 0 0 1\nRecordingStartTimestamp = " + start +
+                          "\nSeq_Frame0000_AToBTransform = 1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1\n"
+                          "Seq_Frame0000_Timestamp = " +
+                          timestamp + "\nElementDataFile = LOCAL\n");
+    const auto done =
+        import_plus_sequence(folder_ / "s.igs.mha", "image", std::nullopt, folder_ / "s.mcap", progress_);
+    if (timestamp[0] == '5') {
+      ASSERT_TRUE(done) << done.error().line();
+      EXPECT_EQ(header_of(samples_of(folder_ / "s.mcap").at(0)).capture.ns, 9'000'000'005'000'000'000);
+      continue;
+    }
+    ASSERT_FALSE(done) << timestamp;
+    EXPECT_NE(done.error().line().find("frame 0: is before time 0, or after"), std::string::npos)
+        << done.error().line();
+  }
 }
 
 TEST_F(Exchange, WhatIsNoRigidMotionStandsInTheLedger) {

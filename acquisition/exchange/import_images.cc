@@ -17,8 +17,9 @@ constexpr const char* kWhat = "cannot import images";
 struct Camera {
   std::string stream;
   std::unique_ptr<PictureReader> reader;
+  std::optional<Picture> ahead = {};  ///< the next; nothing: over
   std::size_t frames = 0;
-  bool over = false;
+  std::uint32_t end = 0;  ///< one beyond the last number
 };
 
 /// The rate of all streams: the one asked for, or the videos' own where they agree.
@@ -47,32 +48,63 @@ Result<double> rate_of(const std::vector<Camera>& cameras, std::optional<double>
   return *rate_hz;
 }
 
-/// Picture i of every camera, at one instant, until all are over.
+HostTime time_of(std::uint32_t number, double rate_hz) {
+  return {std::llround(static_cast<double>(number) * 1e9 / rate_hz)};
+}
+
+/// Picture i of every camera, at one instant, until all are over. The writer tells of numbers left out.
 Status write_frames(RecordingWriter& writer, std::vector<Camera>& cameras, double rate_hz,
                     Progress& progress) {
   std::size_t expected = 1;
-  for (const Camera& c : cameras) expected = std::max(expected, c.reader->expected());
+  for (Camera& c : cameras) {
+    expected = std::max(expected, c.reader->expected());
+    GNATHION_TRY(c.ahead, c.reader->next());
+  }
   for (std::uint32_t i = 0;; ++i) {
-    const HostTime time{std::llround(static_cast<double>(i) * 1e9 / rate_hz)};
+    const HostTime time = time_of(i, rate_hz);
     bool any = false;
     for (Camera& c : cameras) {
-      if (c.over) continue;
-      GNATHION_TRY(std::optional<Image8> image, c.reader->next());
-      c.over = !image;
-      if (!image) continue;
+      if (!c.ahead) continue;
       any = true;
+      if (c.ahead->number != i) continue;
       ++c.frames;
-      GNATHION_CHECK_OK(writer.write(FrameSample{{c.stream, i, time, time, {time.ns}}, std::move(*image)}));
+      c.end = i + 1;
+      GNATHION_CHECK_OK(
+          writer.write(FrameSample{{c.stream, i, time, time, {time.ns}}, std::move(c.ahead->image)}));
+      GNATHION_TRY(c.ahead, c.reader->next());
     }
     if (!any) return {};
     progress.update(std::min(1.0, static_cast<double>(i) / static_cast<double>(expected)));
   }
 }
 
-std::string origin_of(const std::vector<Camera>& cameras, double rate_hz) {
+/// What a camera should have had behind its last picture: frames that a video announces and the decoder does
+/// not give. It does not say where they were; they stand at the end.
+Status write_shortfall(RecordingWriter& writer, const Camera& c, double rate_hz) {
+  if (c.reader->expected() <= c.end) return {};
+  const HostTime time = time_of(c.end, rate_hz);
+  return writer.write(LedgerSample{{c.stream, c.end, time, time, {time.ns}},
+                                   LedgerSample::Fate::kMissing,
+                                   static_cast<std::uint32_t>(c.reader->expected() - c.end),
+                                   "announced, not decoded"});
+}
+
+void note_what_differs(const std::vector<Camera>& cameras, ImportSummary& summary) {
+  for (const Camera& c : cameras) {
+    summary.frames += c.frames;
+    for (const std::string& note : c.reader->notes()) summary.notes.push_back(c.stream + ": " + note);
+    if (c.frames != cameras.front().frames)
+      summary.notes.push_back(fmt::format("{}: {} pictures, {} has {}", c.stream, c.frames,
+                                          cameras.front().stream, cameras.front().frames));
+  }
+}
+
+std::string origin_of(const std::vector<Camera>& cameras, double rate_hz,
+                      const std::vector<std::string>& notes) {
   nlohmann::json streams = nlohmann::json::object();
   for (const Camera& c : cameras) streams[c.stream] = {{"frames", c.frames}};
-  return nlohmann::json{{"origin", "images"}, {"rate_hz", rate_hz}, {"streams", streams}}.dump(2);
+  return nlohmann::json{{"origin", "images"}, {"rate_hz", rate_hz}, {"streams", streams}, {"notes", notes}}
+      .dump(2, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 }  // namespace
@@ -94,16 +126,11 @@ Result<ImportSummary> import_images(const std::vector<ImageImport>& streams, std
     GNATHION_CHECK_OK(write_frames(writer, cameras, rate, progress));
     for (const Camera& c : cameras)
       if (c.frames == 0) return bad_input(kWhat, c.stream, "not one picture could be read");
-    return writer.attach("import.json", "application/json", origin_of(cameras, rate));
+    for (const Camera& c : cameras) GNATHION_CHECK_OK(write_shortfall(writer, c, rate));
+    note_what_differs(cameras, summary);
+    return writer.attach("import.json", "application/json", origin_of(cameras, rate, summary.notes));
   });
   if (!status) return tl::unexpected<Error>(status.error());
-  for (const Camera& c : cameras) {
-    summary.frames += c.frames;
-    for (const std::string& note : c.reader->notes()) summary.notes.push_back(c.stream + ": " + note);
-    if (c.frames != cameras.front().frames)
-      summary.notes.push_back(fmt::format("{}: {} pictures, {} has {}", c.stream, c.frames,
-                                          cameras.front().stream, cameras.front().frames));
-  }
   return summary;
 }
 

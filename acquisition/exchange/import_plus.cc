@@ -67,21 +67,31 @@ struct Importer {
   Status put(RecordingWriter& writer, const Sample& sample);
 };
 
+/// start + t, where it is a time: not before 0, not beyond what ns can hold.
+std::optional<HostTime> time_after(std::int64_t start_ns, std::int64_t t_ns) {
+  HostTime time;
+  if (__builtin_add_overflow(start_ns, t_ns, &time.ns) || time.ns < 0) return std::nullopt;
+  return time;
+}
+
 Result<SampleHeader> Importer::header_of_frame(std::size_t i) const {
   const PlusFrame& f = reader.sequence().frames[i];
   const std::string where = fmt::format("{}: frame {}", path, i);
   SampleHeader header;
   header.sequence = f.number.value_or(static_cast<std::uint32_t>(i));
-  if (rate_hz)
+  if (rate_hz) {
     header.capture.ns = std::llround(static_cast<double>(i) * 1e9 / *rate_hz);
-  else if (f.timestamp_ns)
-    header.capture.ns = start_ns + *f.timestamp_ns;
-  else
-    return bad_input(kWhat, where, "has no Timestamp; give --rate-hz");
-  header.arrival = header.capture;
-  if (!rate_hz && f.unfiltered_timestamp_ns) header.arrival.ns = start_ns + *f.unfiltered_timestamp_ns;
-  header.device.ns = header.capture.ns - start_ns;
-  if (header.capture.ns < 0 || header.arrival.ns < 0) return bad_input(kWhat, where, "is before time 0");
+    header.arrival = header.capture;
+    header.device.ns = header.capture.ns;
+    return header;
+  }
+  if (!f.timestamp_ns) return bad_input(kWhat, where, "has no Timestamp; give --rate-hz");
+  const auto capture = time_after(start_ns, *f.timestamp_ns);
+  const auto arrival = time_after(start_ns, f.unfiltered_timestamp_ns.value_or(*f.timestamp_ns));
+  if (!capture || !arrival) return bad_input(kWhat, where, "is before time 0, or after the year 2262");
+  header.capture = *capture;
+  header.arrival = *arrival;
+  header.device.ns = *f.timestamp_ns;
   return header;
 }
 
@@ -116,6 +126,9 @@ Status Importer::write_frame(RecordingWriter& writer, std::size_t i) {
 Result<ImportSummary> import_plus_sequence(const std::filesystem::path& path, const std::string& image_stream,
                                            std::optional<double> rate_hz, const std::filesystem::path& out,
                                            Progress& progress) {
+  if (rate_hz && !(*rate_hz >= 1e-3 && *rate_hz <= 1e5))
+    return fail(ErrorCode::kUsage, kWhat, path.string(),
+                fmt::format("{} Hz is no frame rate (0.001 to 100000)", *rate_hz));
   GNATHION_TRY(PlusReader reader, PlusReader::open(path));
   const PlusSequence& s = reader.sequence();
   Importer importer{reader, path.string(), image_stream, rate_hz};

@@ -22,9 +22,10 @@ struct ImportSummary {
   std::vector<std::string> notes;  ///< "camera_0: the video says 30 Hz; 60 Hz was asked for and taken"
 };
 
-/// Images numbered in natural order (img2 before img10), frame i of every stream at i / rate_hz from time 0
-/// (the counter is i). Without a rate a video's own is taken; a folder needs one. Refused by name: a picture
-/// of another size or depth than the first, one that cannot be read, 16-bit pictures. Colour becomes grey
+/// Images in natural order (img2 before img10), frame i of every stream at i / rate_hz from time 0 (the
+/// counter is i). What the files' numbers leave out, and what a video announces and does not give, is missing
+/// in the ledger. Without a rate a video's own is taken; a folder needs one. Refused by name: a picture of
+/// another size or depth than the first, one that cannot be read, 16-bit pictures. Colour becomes grey
 /// (BT.601). Whole or not at all; the same pictures give the same bytes.
 Result<ImportSummary> import_images(const std::vector<ImageImport>& streams, std::optional<double> rate_hz,
                                     const std::filesystem::path& out, Progress& progress);

@@ -6,6 +6,7 @@
 #include <array>
 #include <cctype>
 #include <cmath>
+#include <numeric>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -74,11 +75,29 @@ bool is_picture(const fs::path& path) {
   return std::find(kKnown.begin(), kKnown.end(), e) != kKnown.end();
 }
 
+/// The place of each file in its series, from 0: by its number, where the names carry one, else one after the
+/// other. A step that all share (every second picture kept) counts as one.
+std::vector<std::uint32_t> places_of(const std::vector<fs::path>& files) {
+  std::vector<std::string> names;
+  for (const fs::path& file : files) names.push_back(file.filename().string());
+  const auto numbers = frame_numbers(names);
+  std::vector<std::uint32_t> places(files.size());
+  std::uint64_t step = 0;
+  for (std::size_t i = 0; i < places.size(); ++i)
+    if (numbers) step = std::gcd(step, (*numbers)[i] - numbers->front());
+  for (std::size_t i = 0; i < places.size(); ++i)
+    places[i] =
+        static_cast<std::uint32_t>(numbers && step > 0 ? ((*numbers)[i] - numbers->front()) / step : i);
+  return places;
+}
+
 class FolderReader : public PictureReader {
  public:
-  FolderReader(std::vector<fs::path> files, std::size_t others) : files_(std::move(files)), others_(others) {}
-  Result<std::optional<Image8>> next() override {
-    if (next_ == files_.size()) return std::optional<Image8>();
+  FolderReader(std::vector<fs::path> files, std::size_t others)
+      : files_(std::move(files)), places_(places_of(files_)), others_(others) {}
+  Result<std::optional<Picture>> next() override {
+    if (next_ == files_.size()) return std::optional<Picture>();
+    const std::uint32_t place = places_[next_];
     const fs::path& file = files_[next_++];
     cv::Mat picture;
     try {
@@ -89,24 +108,22 @@ class FolderReader : public PictureReader {
     if (picture.empty()) return bad_input(kWhat, file.string(), "is no image that can be read");
     GNATHION_TRY(Image8 image, grey_from(picture, file.string()));
     GNATHION_CHECK_OK(size_.check(image, file.string()));
-    return std::optional<Image8>(std::move(image));
+    return std::optional<Picture>(Picture{place, std::move(image)});
   }
-  std::size_t expected() const override { return files_.size(); }
+  std::size_t expected() const override { return std::size_t{places_.back()} + 1; }
   std::optional<double> own_rate_hz() const override { return std::nullopt; }
   std::vector<std::string> notes() const override {
-    std::vector<std::string> out, names;
+    std::vector<std::string> out;
     if (others_ > 0) out.push_back(fmt::format("{} files that are no images were passed over", others_));
-    for (const fs::path& file : files_) names.push_back(file.filename().string());
-    const auto numbers = frame_numbers(names);
-    const std::uint64_t span = numbers ? numbers->back() - numbers->front() + 1 : files_.size();
-    if (span > files_.size())
-      out.push_back(fmt::format("the files' numbers leave out {}; the pictures were taken as consecutive",
-                                span - files_.size()));
+    if (expected() > files_.size())
+      out.push_back(fmt::format("the files' numbers leave out {}: missing in the ledger, their time is kept",
+                                expected() - files_.size()));
     return out;
   }
 
  private:
   std::vector<fs::path> files_;
+  std::vector<std::uint32_t> places_;
   std::size_t others_, next_ = 0;
   OneSize size_;
 };
@@ -117,17 +134,18 @@ class VideoReader : public PictureReader {
     const double n = video_.get(cv::CAP_PROP_FRAME_COUNT);
     announced_ = n > 0 && n < 1e9 ? static_cast<std::size_t>(std::llround(n)) : 0;
   }
-  Result<std::optional<Image8>> next() override {
+  Result<std::optional<Picture>> next() override {
     cv::Mat picture;
     try {
-      if (!video_.read(picture) || picture.empty()) return std::optional<Image8>();
+      if (!video_.read(picture) || picture.empty()) return std::optional<Picture>();
     } catch (const cv::Exception& e) {
       return bad_input(kWhat, path_, e.what());
     }
-    const std::string name = fmt::format("{}: frame {}", path_, read_++);
+    const std::uint32_t number = read_++;
+    const std::string name = fmt::format("{}: frame {}", path_, number);
     GNATHION_TRY(Image8 image, grey_from(picture, name));
     GNATHION_CHECK_OK(size_.check(image, name));
-    return std::optional<Image8>(std::move(image));
+    return std::optional<Picture>(Picture{number, std::move(image)});
   }
   std::size_t expected() const override { return announced_; }
   std::optional<double> own_rate_hz() const override {
@@ -143,7 +161,8 @@ class VideoReader : public PictureReader {
  private:
   mutable cv::VideoCapture video_;
   std::string path_;
-  std::size_t announced_ = 0, read_ = 0;
+  std::size_t announced_ = 0;
+  std::uint32_t read_ = 0;
   OneSize size_;
 };
 
