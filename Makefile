@@ -43,6 +43,7 @@ fuzz: deps
 # The long form of the tests: every real jaw pair with every transformation, at 0.1 and 0.2 mm.
 campaign: build
 	@$(BIN)/e2e_design_real_test --gtest_also_run_disabled_tests
+	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_virtual_print_phantom_test --gtest_also_run_disabled_tests
 
 asan tsan: deps
 	@cmake --preset $@ > /dev/null && cmake --build build/$@ -j $(JOBS) && ctest --test-dir build/$@ --output-on-failure

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <csignal>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 
 #include "acquisition/scanner/scan_devices.h"
@@ -62,8 +63,15 @@ void say(const std::string& line) {
   fmt::print(stderr, "gnathion: {}\n", line);
 }
 
+/// "rtsp://user:secret@host" without the secret: recordings are given away.
+std::string without_passwords(const std::string& text) {
+  static const std::regex password("(://[^\\s:/@\"']*):[^\\s/@\"']+@");
+  return std::regex_replace(text, password, "$1:***@");
+}
+
 Status attach_file(const fs::path& path, std::map<std::string, std::string>& attachments) {
   GNATHION_TRY(std::string bytes, read_file(path));
+  if (path.extension() == ".toml") bytes = without_passwords(bytes);
   const auto [known, added] = attachments.try_emplace(path.filename().string(), bytes);
   if (!added && known->second != bytes)
     return fail(ErrorCode::kUsage, "cannot attach", path.string(),
