@@ -66,6 +66,7 @@ class PedalSession : public TransferSession {
 };
 
 void PedalSession::opened(const TransferSample& descriptors, std::deque<Sample>& out) {
+  tell_working(descriptors.header.arrival, out);
   decoder_.reset();
   auto layout = HidLayout::parse(descriptors.data, where_);
   if (layout)

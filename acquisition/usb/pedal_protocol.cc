@@ -285,18 +285,22 @@ std::string name_of_usage(HidUsage usage) {
   return fmt::format("usage:0x{:08x}", usage);
 }
 
+bool Debouncer::in_window(HostTime now) const {
+  return window_start_ && now >= *window_start_ && now.ns - window_start_->ns < window_ns_;
+}
+
 std::optional<Debouncer::Change> Debouncer::edge(bool pressed, HostTime when) {
   if (pressed == contact_) return std::nullopt;
   contact_ = pressed;
   contact_since_ = when;
-  if (window_start_ && when.ns - window_start_->ns < window_ns_) return std::nullopt;
+  if (in_window(when)) return std::nullopt;
   window_start_ = when;
   told_ = pressed;
   return Change{pressed, when};
 }
 
 std::optional<Debouncer::Change> Debouncer::passed(HostTime now) {
-  if (!window_start_ || now.ns - window_start_->ns < window_ns_) return std::nullopt;
+  if (!window_start_ || in_window(now)) return std::nullopt;
   window_start_.reset();
   if (contact_ == told_) return std::nullopt;
   told_ = contact_;

@@ -88,6 +88,9 @@ class Debouncer {
   bool pressed() const { return told_; }
 
  private:
+  /// Not when the clock was set back: a window must not last for as long as that.
+  bool in_window(HostTime now) const;
+
   std::int64_t window_ns_;
   bool told_ = false, contact_ = false;
   std::optional<HostTime> window_start_;

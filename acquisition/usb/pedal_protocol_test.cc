@@ -124,6 +124,19 @@ TEST(Debouncer, AShortTapIsReleasedWhenTheWindowEndsWithTheTimeOfItsEdge) {
   EXPECT_FALSE(d.passed({1000 * kMs}));
 }
 
+TEST(Debouncer, AWindowEndsWhenTheClockIsSetBack) {
+  Debouncer d(30 * kMs);
+  ASSERT_TRUE(d.edge(true, {5000 * kMs}));
+  EXPECT_FALSE(d.passed({1000 * kMs}));
+  const auto release = d.edge(false, {1000 * kMs});
+  ASSERT_TRUE(release);
+  EXPECT_FALSE(release->pressed);
+  EXPECT_FALSE(d.edge(true, {1010 * kMs}));  // bounce again
+  const auto press = d.passed({1031 * kMs});
+  ASSERT_TRUE(press);
+  EXPECT_TRUE(press->pressed);
+}
+
 /// Any contact: told states alternate, times are those of real edges and rise, and once the contact has been
 /// still for a window the told state is the contact's.
 TEST(Debouncer, HoldsForAnyContact) {

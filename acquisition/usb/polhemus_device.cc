@@ -200,6 +200,7 @@ void PolhemusSession::sent(const TransferSample& transfer, std::deque<Sample>& o
   if (transfer.data == kContinuous) {
     decoder_ = PolhemusDecoder(settings_.format);
     streaming_ = true;
+    tell_working(transfer.header.arrival, out);
   }
 }
 

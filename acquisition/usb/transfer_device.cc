@@ -9,7 +9,7 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kReadPatience{50}, kLookAgain{50}, kLongestBackoff{2000};
 constexpr int kMaxFailures = 16, kMaxRestarts = 3;  // in a row, before the instrument is opened anew
-constexpr int kLastReads = 256;                     // that are still taken when the device stops
+constexpr int kLastReads = 256;                     // that are still taken when the device stops or goes
 constexpr std::int64_t kRateWindowNs = 2'000'000'000;
 
 void count(const Sample& sample, DeviceHealth& health, std::deque<HostTime>& recent) {
@@ -109,7 +109,7 @@ void TransferDevice::reconnect() {
 
 void TransferDevice::pump() {
   if (!read(kReadPatience)) session_->advance(clock_.now(), out_);
-  if (gone_ || failures_ >= kMaxFailures) return drop();
+  if (gone_ || fails()) return drop();
   mind_silence();
 }
 
@@ -124,18 +124,27 @@ void TransferDevice::mind_silence() {
   if (!again) drop();
 }
 
-void TransferDevice::drop() {
+bool TransferDevice::fails() const {
+  return failures_ >= kMaxFailures;
+}
+
+void TransferDevice::read_rest() {
   for (int i = 0; i < kLastReads && read(milliseconds(0)); ++i) {
   }
-  transport_.reset();
+}
+
+/// An unplugged instrument may show errors only; the session is told all the same that it is away.
+void TransferDevice::drop() {
+  read_rest();
   set_state(DeviceState::kRecovering,
             gone_ ? "unplugged; waiting for it" : "too many errors; opening it again");
+  if (!gone_) take({kDescriptorEndpoint, kTransferGone, {}, clock_.now()});
+  transport_.reset();
 }
 
 void TransferDevice::leave() {
   if (transport_) {
-    for (int i = 0; i < kLastReads && read(milliseconds(0)); ++i) {
-    }
+    read_rest();
     if (!gone_) session_->stop(*this);
     transport_.reset();
   }
@@ -157,15 +166,17 @@ void TransferDevice::take(const Transfer& transfer) {
 }
 
 bool TransferDevice::write(std::string_view bytes) {
-  if (gone_) return false;
+  if (gone_ || fails()) return false;
   const Transfer transfer = transport_->write(bytes);
   take(transfer);
   return transfer.status == kTransferOk;
 }
 
 bool TransferDevice::read(milliseconds timeout) {
+  if (fails()) return false;
   const std::optional<Transfer> transfer = transport_->read(timeout);
   if (!transfer) return false;
+  if (gone_ && transfer->status == kTransferGone) return false;  // each further read says so: told once
   in_endpoint_ = transfer->endpoint;
   take(*transfer);
   failures_ = transfer->status == kTransferOk ? 0 : failures_ + 1;

@@ -38,7 +38,9 @@ class TransferDevice : public Device, private TransferIo {
   void take(const Transfer& transfer);
   bool write(std::string_view bytes) override;
   bool read(std::chrono::milliseconds timeout) override;
-  bool stopping() const override { return stopping_; }
+  bool stopping() const override { return stopping_ || gone_ || fails(); }
+  bool fails() const;
+  void read_rest();
   Sample hand_out();
   void set_state(DeviceState state, const std::string& message);
 

@@ -10,16 +10,17 @@ void TransferSession::take(const TransferSample& transfer, std::deque<Sample>& o
     if (present_) {
       lost(transfer, out);
       tell_state(transfer.header.arrival, false, "did not work; opened anew", out);
+      present_ = false;
     }
-    if (was_present_) tell_state(transfer.header.arrival, true, "connected again", out);
-    present_ = was_present_ = true;
     return opened(transfer, out);
   }
   if (status == kTransferGone) {
     if (!present_) return;
     present_ = false;
     lost(transfer, out);
-    return tell_state(transfer.header.arrival, false, name_of(status), out);
+    const bool given_up = transfer.endpoint == kDescriptorEndpoint;
+    return tell_state(transfer.header.arrival, false, given_up ? "does not work; closed" : name_of(status),
+                      out);
   }
   if (status != kTransferOk) out.emplace_back(rejected(raw_stream(), transfer.header, name_of(status)));
   const bool outwards = transfer.endpoint != 0 && !(transfer.endpoint & kDirectionIn);
@@ -36,6 +37,12 @@ Status TransferSession::start(TransferIo&) {
 void TransferSession::stop(TransferIo&) {}
 void TransferSession::sent(const TransferSample&, std::deque<Sample>&) {}
 void TransferSession::passed(HostTime, std::deque<Sample>&) {}
+
+void TransferSession::tell_working(HostTime when, std::deque<Sample>& out) {
+  if (present_) return;
+  if (was_present_) tell_state(when, true, "connected again", out);
+  present_ = was_present_ = true;
+}
 
 void TransferSession::tell_state(HostTime when, bool back, const std::string& text, std::deque<Sample>& out) {
   EventSample event;

@@ -15,11 +15,11 @@ namespace gnathion {
 class TransferIo {
  public:
   virtual ~TransferIo() = default;
-  /// False when it could not be sent.
+  /// False when it could not be sent, at once when the device has gone or only fails.
   virtual bool write(std::string_view bytes) = 0;
-  /// Takes what arrives for at most `timeout`; false when nothing did.
+  /// Takes what arrives for at most `timeout`; false when nothing did, at once when nothing will.
   virtual bool read(std::chrono::milliseconds timeout) = 0;
-  /// The device is to stop: give up.
+  /// Give up: the device is to stop, has gone, or only fails.
   virtual bool stopping() const = 0;
 };
 
@@ -59,13 +59,15 @@ class TransferSession {
   virtual void passed(HostTime now, std::deque<Sample>& out);
   virtual void ended(std::deque<Sample>& out) = 0;
 
+  /// The instrument is there and does its work: to be called once it is opened and set up.
+  void tell_working(HostTime when, std::deque<Sample>& out);
   void tell_state(HostTime when, bool back, const std::string& text, std::deque<Sample>& out);
   static LedgerSample rejected(std::string stream, const SampleHeader& at, std::string reason);
 
  private:
   std::string stream_;
   std::uint32_t states_ = 0;
-  bool present_ = false, was_present_ = false;
+  bool present_ = false, was_present_ = false;  ///< and working
 };
 
 }  // namespace gnathion

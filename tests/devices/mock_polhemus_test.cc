@@ -9,6 +9,7 @@
 
 #include "acquisition/recording.h"
 #include "acquisition/usb/polhemus_device.h"
+#include "acquisition/usb/transport.h"
 #include "tests/support/mock_tracker.h"
 #include "tests/support/pull.h"
 
@@ -37,6 +38,9 @@ std::function<bool(const EventSample&)> state(bool back) {
 }
 std::function<bool(const LedgerSample&)> line(LedgerSample::Fate fate, const std::string& reason) {
   return [fate, reason](const LedgerSample& l) { return l.fate == fate && l.reason.rfind(reason, 0) == 0; };
+}
+std::function<bool(const TransferSample&)> ended(TransferStatus status) {
+  return [status](const TransferSample& t) { return t.status == status; };
 }
 constexpr auto kRejected = LedgerSample::Fate::kRejected;
 constexpr auto kMissing = LedgerSample::Fate::kMissing;
@@ -148,6 +152,7 @@ TEST_F(PolhemusTest, ComesBackFromAHundredReplugsAndLosesNothingOlder) {
   const auto samples = pull_->stop();
   EXPECT_EQ(Pull::count<EventSample>(samples, state(true)), 100u);
   EXPECT_EQ(device_->health().reconnects, 100u);
+  EXPECT_EQ(Pull::count<TransferSample>(samples, ended(kTransferGone)), 100u);  // each told once
   EXPECT_EQ(device_->health().rejected, 0u);
   for (const char* stream : {"bow/1", "bow/2"}) {  // every frame that the tracker gave away has arrived
     const auto frames = frames_of(samples, stream);
@@ -292,6 +297,68 @@ TEST_F(PolhemusTest, AnEndpointThatOnlyFailsIsOpenedAnew) {
   const auto samples = pull_->stop();
   EXPECT_GE(Pull::count<LedgerSample>(samples, line(kRejected, "i/o error")), 16u);
   EXPECT_EQ(frames_of(samples, "bow/1"), range(1000, 1001));
+}
+
+TEST_F(PolhemusTest, UnpluggedWhileItIsSetUpItComesBackLater) {
+  tracker_.usb.plug();
+  open();
+  ASSERT_TRUE(pull_->wait_more<PoseSample>(6, any_pose()));
+  tracker_.answers = false;
+  for (int i = 0; i < 3; ++i) {
+    tracker_.usb.unplug();
+    tracker_.power_cycle();
+    const std::size_t before = tracker_.usb.written().size();
+    ASSERT_TRUE(
+        wait_for([&] { return device_->health().message.find("none is connected") != std::string::npos; }));
+    tracker_.usb.plug();
+    ASSERT_TRUE(wait_for([&] {  // it is asked for its sensors
+      const auto written = tracker_.usb.written();
+      return written.size() > before && written.back()[0] == 0x15;
+    }));
+  }
+  tracker_.usb.unplug();
+  tracker_.answers = true;
+  tracker_.usb.plug();
+  ASSERT_TRUE(pull_->wait_more<PoseSample>(6, any_pose()));
+  const auto samples = pull_->stop();
+  EXPECT_EQ(Pull::count<TransferSample>(samples, ended(kTransferGone)), 4u);  // one an unplugging
+  EXPECT_EQ(Pull::count<EventSample>(samples, state(false)), 1u);
+  EXPECT_EQ(Pull::count<EventSample>(samples, state(true)), 1u);  // only what works is told
+}
+
+TEST_F(PolhemusTest, AnEndpointThatStallsWhileTheTrackerIsSetUpIsGivenUp) {
+  tracker_.answers = false;
+  tracker_.usb.on_write = [this, obey = tracker_.usb.on_write](const std::string& bytes) {
+    obey(bytes);
+    if (bytes[0] == 0x15)
+      for (int i = 0; i < 5000; ++i) tracker_.usb.push("", -EPIPE);
+  };
+  tracker_.usb.plug();
+  EXPECT_THAT(refusal(), HasSubstr("it does not answer"));
+  EXPECT_GE(tracker_.usb.halts_cleared(), 10);
+  EXPECT_LE(tracker_.usb.halts_cleared(), 20);
+}
+
+TEST_F(PolhemusTest, LossIsToldThoughOnlyErrorsShowItAndReturnOnceItWorks) {
+  open_by_hand();
+  tracker_.usb.fail_claim(EBUSY);  // no return meanwhile
+  for (int i = 0; i < 40; ++i) tracker_.usb.push("", -EPROTO);
+  ASSERT_TRUE(
+      pull_->wait([](const Pull::Samples& s) { return Pull::count<EventSample>(s, state(false)) == 1; }));
+  tracker_.usb.unplug();
+  tracker_.power_cycle();
+  tracker_.sensors_connected = false;
+  tracker_.usb.fail_claim(0);
+  tracker_.usb.plug();
+  ASSERT_TRUE(wait_for([&] { return device_->health().message.find("no sensor") != std::string::npos; }));
+  tracker_.usb.unplug();
+  tracker_.sensors_connected = tracker_.runs = true;
+  tracker_.usb.plug();
+  ASSERT_TRUE(pull_->wait_more<PoseSample>(6, any_pose()));
+  const auto samples = pull_->stop();
+  EXPECT_EQ(Pull::count<EventSample>(samples, state(false)), 1u);
+  EXPECT_EQ(Pull::count<EventSample>(samples, state(true)), 1u);
+  EXPECT_EQ(device_->health().reconnects, 1u);
 }
 
 TEST_F(PolhemusTest, ASilentTrackerIsStartedAgain) {
