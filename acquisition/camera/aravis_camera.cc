@@ -188,9 +188,42 @@ Status AravisCamera::set(const AravisSettings& s, const std::string& where) {
   setting_lines.push_back("pixel_format: Mono8");
   arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, error.out());
   GNATHION_CHECK_OK(set_region(s, where));
+  turn_automatics_off();
+  shorten_exposure(s);
+  GNATHION_CHECK_OK(set_trigger(s, where));
   GNATHION_CHECK_OK(set_exposure(s, where));
-  GNATHION_CHECK_OK(set_gain(s, where));
-  return set_trigger(s, where);
+  return set_gain(s, where);
+}
+
+/// Capture times are mid-exposure by the exposure that is read once: it must not change by itself.
+void AravisCamera::turn_automatics_off() {
+  ArvCamera* camera = handles_->camera.get();
+  const auto told = [&](const char* name, bool off) {
+    setting_lines.push_back(fmt::format("{}: {}", name, off ? "off" : "on"));
+    if (!off) warning_lines.push_back(fmt::format("{}: the camera does not turn it off", name));
+  };
+  GlibError exposure, gain;
+  if (arv_camera_is_exposure_auto_available(camera, exposure.out())) {
+    arv_camera_set_exposure_time_auto(camera, ARV_AUTO_OFF, exposure.out());
+    const bool off = arv_camera_get_exposure_time_auto(camera, exposure.out()) == ARV_AUTO_OFF;
+    told("exposure_auto", off && !exposure);
+  }
+  if (arv_camera_is_gain_auto_available(camera, gain.out())) {
+    arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, gain.out());
+    const bool off = arv_camera_get_gain_auto(camera, gain.out()) == ARV_AUTO_OFF;
+    told("gain_auto", off && !gain);
+  }
+}
+
+/// On many cameras rate and exposure bound each other, and the bounds of both are those of whatever was set
+/// before. A long exposure left behind must not forbid the rate; a high rate must not forbid the exposure,
+/// which is therefore checked after the rate.
+void AravisCamera::shorten_exposure(const AravisSettings& s) {
+  ArvCamera* camera = handles_->camera.get();
+  GlibError error;
+  if (!s.exposure_us || !arv_camera_is_exposure_time_available(camera, error.out())) return;
+  if (*s.exposure_us < arv_camera_get_exposure_time(camera, error.out()))
+    arv_camera_set_exposure_time(camera, *s.exposure_us, error.out());  // set_exposure() tells what failed
 }
 
 Status AravisCamera::set_region(const AravisSettings& s, const std::string& where) {
@@ -225,8 +258,6 @@ Status AravisCamera::set_exposure(const AravisSettings& s, const std::string& wh
       return bad_input(
           kWhat, where,
           fmt::format("exposure_us {} is impossible: the camera allows {} to {}", *s.exposure_us, low, high));
-    if (arv_camera_is_exposure_auto_available(camera, error.out()))
-      arv_camera_set_exposure_time_auto(camera, ARV_AUTO_OFF, error.out());
     arv_camera_set_exposure_time(camera, *s.exposure_us, error.out());
     if (error) return bad_input(kWhat, where, "exposure_us: " + error.text());
   }
@@ -249,8 +280,6 @@ Status AravisCamera::set_gain(const AravisSettings& s, const std::string& where)
   if (!error && !(*s.gain >= low && *s.gain <= high))
     return bad_input(kWhat, where,
                      fmt::format("gain {} is impossible: the camera allows {} to {}", *s.gain, low, high));
-  if (arv_camera_is_gain_auto_available(camera, error.out()))
-    arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, error.out());
   arv_camera_set_gain(camera, *s.gain, error.out());
   const double got = error ? 0 : arv_camera_get_gain(camera, error.out());
   if (error) return bad_input(kWhat, where, "gain: " + error.text());

@@ -54,6 +54,8 @@ class AravisCamera {
   Status find(const AravisSettings& s, const std::string& where);
   Status set(const AravisSettings& s, const std::string& where);
   Status set_region(const AravisSettings& s, const std::string& where);
+  void turn_automatics_off();
+  void shorten_exposure(const AravisSettings& s);
   Status set_exposure(const AravisSettings& s, const std::string& where);
   Status set_gain(const AravisSettings& s, const std::string& where);
   Status set_trigger(const AravisSettings& s, const std::string& where);

@@ -103,6 +103,8 @@ TEST_F(AravisCamera, DeliversFramesWithTimesAndNumbers) {
   FakeGvCamera camera;
   auto device = open_patiently(config_for({}), clock_);
   ASSERT_TRUE(device) << device.error().line();
+  // Off even where no gain is asked for.
+  EXPECT_THAT((*device)->description().settings, Contains("gain_auto: off"));
   Account account;
   ASSERT_TRUE(account.take_until(**device, [&] { return account.frames.size() >= 60; }));
   account.expect_complete();
