@@ -105,8 +105,19 @@ class AravisDevice : public Device {
         if (!recover(why)) break;
       }
     }
-    camera_.reset();
+    take_what_came();
     feed_.end();
+    camera_.reset();
+  }
+
+  /// Frames that had arrived when the device was stopped.
+  void take_what_came() {
+    HostTime arrival;
+    for (int i = 0; camera_ && i < s_.buffers; ++i) {
+      auto buffer = camera_->next(0, clock_, &arrival);
+      if (!buffer) return;
+      take(std::move(*buffer), arrival);
+    }
   }
 
   /// Control is lost when Aravis says so, or when frames stay away and the camera does not answer.

@@ -6,6 +6,8 @@ namespace gnathion {
 namespace {
 
 constexpr std::int64_t kRateWindowNs = 2'000'000'000;
+/// Longer than a camera's thread waits for a frame, except where the camera hangs.
+constexpr std::chrono::milliseconds kTailWait(500);
 
 /// Whether `line` continues `last`, so that both are one.
 bool continues(const LedgerSample& last, const LedgerSample& line) {
@@ -109,6 +111,8 @@ bool CameraFeed::pause(std::chrono::milliseconds time) {
 Result<std::optional<Sample>> CameraFeed::next() {
   std::unique_lock lock(mutex_);
   changed_.wait(lock, [&] { return !queue_.empty() || stopping_ || over_; });
+  // What the camera's thread had in hand when it was told to stop still belongs to the recording.
+  if (queue_.empty() && !over_) changed_.wait_for(lock, kTailWait, [&] { return !queue_.empty() || over_; });
   if (!queue_.empty()) {
     Sample sample = std::move(queue_.front());
     queue_.pop_front();

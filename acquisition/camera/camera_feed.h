@@ -39,6 +39,7 @@ class CameraFeed {
   bool pause(std::chrono::milliseconds time);
 
   // The consumer.
+  /// After stop(): what was in hand, then nothing.
   Result<std::optional<Sample>> next();
   DeviceHealth health() const;
   void stop();

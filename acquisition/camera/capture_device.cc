@@ -74,9 +74,8 @@ class CaptureDevice : public Device {
     for (;;) {
       ReadFrame frame;
       HostTime arrival;
-      const FrameReader::Outcome outcome =
-          feed_.stopping() ? FrameReader::Outcome::kEnd : reader_->read(clock_, &arrival, &frame);
       if (feed_.stopping()) return release(), feed_.end();
+      const FrameReader::Outcome outcome = reader_->read(clock_, &arrival, &frame);
       if (outcome == FrameReader::Outcome::kFrame) take(std::move(frame), arrival);
       if (outcome == FrameReader::Outcome::kEnd) return end_of_file();
       if (outcome == FrameReader::Outcome::kLost && !recover()) return feed_.end();
