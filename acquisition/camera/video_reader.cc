@@ -68,7 +68,10 @@ class VideoReader : public FrameReader {
       if (s_.backend == Backend::kFile && container_rate_hz_ == 0 && !s_.rate_hz)
         return refuse("the file does not tell its frame rate; set rate_hz");
       if (s_.backend == Backend::kUrl && s_.rate_hz) container_rate_hz_ = *s_.rate_hz;
-      gap_ = PtsGap(s_.backend == Backend::kFile || s_.device_clock ? container_rate_hz_ : 0);
+      // Automatic exposure lowers the rate in the dark; what is late then is not missing.
+      const bool steady = !v4l2 || capture_.get(cv::CAP_PROP_AUTO_EXPOSURE) == kManualExposure;
+      if (!steady) setting_lines.push_back("missing frames: not counted, exposure is not manual");
+      gap_ = PtsGap(steady && (s_.backend == Backend::kFile || s_.device_clock) ? container_rate_hz_ : 0);
       return {};
     } catch (const cv::Exception& e) {
       return refuse(e.err);

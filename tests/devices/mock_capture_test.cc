@@ -104,6 +104,19 @@ TEST_F(MockCapture, FramesComeWithTheDriversTimesAndGaps) {
   EXPECT_EQ((*device)->description().model, "Mock Bow Camera");
 }
 
+TEST_F(MockCapture, WithAutomaticExposureALongerPeriodIsNoGap) {
+  camera_->dropped = [](unsigned n) { return n % 2 == 1; };  // as a camera in the dark: half the rate
+  camera_->plug();
+  auto device = open_device(config({{"rate_hz", 60.0}}), clock_);
+  ASSERT_TRUE(device) << device.error().line();
+  Taken taken;
+  ASSERT_TRUE(taken.until(**device, [&] { return taken.frames.size() >= 20; }));
+  EXPECT_TRUE(taken.lines.empty());
+  for (std::size_t i = 1; i < taken.frames.size(); ++i)
+    EXPECT_EQ(taken.frames[i].sequence, taken.frames[i - 1].sequence + 1);
+  EXPECT_THAT((*device)->description().settings, Contains(HasSubstr("missing frames: not counted")));
+}
+
 TEST_F(MockCapture, WhatIsSetIsReadBackAndDifferencesTold) {
   camera_->plug();
   auto device = open_device(config({{"rate_hz", 29.0},
