@@ -60,8 +60,9 @@ std::int64_t ClockEstimator::line_delay_ns(std::int64_t device_ns) const {
   return std::llround(estimate_.offset_ns) + std::llround(estimate_.drift_ppm * 1e-6 * since_ns);
 }
 
-/// The capture times of a stream never go back, and nothing is captured after it arrived. Where the line was
-/// too late, time goes on at a tenth of its pace until it is right again.
+/// Nothing is captured after it arrived, and the capture times of a stream go back only where the arrivals do
+/// (the host's clock was set back by less than a jump). Where the line was too late, time goes on at a tenth
+/// of its pace until it is right again.
 HostTime ClockEstimator::monotone(std::int64_t candidate_ns, std::int64_t device_ns,
                                   std::int64_t arrival_ns) {
   std::int64_t host_ns = candidate_ns;
@@ -72,6 +73,7 @@ HostTime ClockEstimator::monotone(std::int64_t candidate_ns, std::int64_t device
   }
   host_ns = std::min(host_ns, arrival_ns - options_.latency_ns);
   if (last_host_ns_ != INT64_MIN) host_ns = std::max(host_ns, last_host_ns_ + 1);
+  host_ns = std::min(host_ns, arrival_ns);
   last_host_ns_ = host_ns;
   return {host_ns};
 }

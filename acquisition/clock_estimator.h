@@ -39,8 +39,8 @@ class ClockEstimator {
   ClockEstimator() : ClockEstimator(Options{}) {}
   explicit ClockEstimator(Options options);
 
-  /// Takes the pair and returns the host's time of that device instant: later than that of every pair before
-  /// (also when device times repeat, go back or jump), and not after its arrival where that allows it.
+  /// Takes the pair and returns the host's time of that device instant: not after its arrival, and, as far as
+  /// that allows, later than that of every pair before (also when device times repeat, go back or jump).
   HostTime add(DeviceTime device, HostTime arrival);
   /// The host's time of a device instant by what is known so far; nothing before the first pair.
   std::optional<HostTime> host_from_device(DeviceTime device) const;
