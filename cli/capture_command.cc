@@ -12,6 +12,7 @@
 #include <regex>
 #include <set>
 
+#include "acquisition/camera/camera_identity.h"
 #include "acquisition/scanner/scan_devices.h"
 #include "acquisition/session.h"
 #include "core/file.h"
@@ -97,11 +98,27 @@ Status attach_files_of(const DeviceConfig& config, std::map<std::string, std::st
 std::vector<std::unique_ptr<Device>> open_devices(const std::vector<DeviceConfig>& configs, Clock& clock,
                                                   bool quiet) {
   std::vector<std::unique_ptr<Device>> devices;
-  for (const DeviceConfig& config : configs) {
+  std::vector<DeviceDescription> cameras;
+  const auto twice = cameras_named_twice(configs);
+  for (std::size_t i = 0; i < configs.size(); ++i) {
+    const DeviceConfig& config = configs[i];
+    if (twice[i]) {
+      say(twice[i]->line());
+      continue;
+    }
     auto device = open_device(config, clock);
     if (!device) {
       say(device.error().line());
       continue;
+    }
+    // Webcams of a model often share one serial; their nodes tell them apart.
+    if (config.kind == "aravis") {
+      const DeviceDescription camera = (*device)->description();
+      if (const auto same = same_serial(camera, cameras)) {
+        say(same->line());
+        continue;
+      }
+      cameras.push_back(camera);
     }
     if (!quiet)
       for (const std::string& warning : (*device)->description().warnings)
@@ -178,12 +195,14 @@ json status_json(const SessionStatus& s, const std::string& out) {
   for (const auto& [name, c] : s.ledger)
     streams[name] = {{"received", c.received}, {"missing", c.missing}, {"rejected", c.rejected}};
   json devices = json::array();
-  for (const SessionDevice& d : s.devices)
-    devices.push_back({{"stream", d.description.stream},
-                       {"kind", d.description.kind},
-                       {"state", name_of(d.health.state)},
-                       {"message", d.health.message},
-                       {"reconnects", d.health.reconnects}});
+  for (const SessionDevice& d : s.devices) {
+    json device = {{"stream", d.description.stream},
+                   {"kind", d.description.kind},
+                   {"state", name_of(d.health.state)},
+                   {"message", d.health.message},
+                   {"reconnects", d.health.reconnects}};
+    devices.push_back(std::move(device));
+  }
   return {{"out", out},
           {"elapsed_s", s.elapsed_s},
           {"bytes", s.file_bytes},

@@ -135,6 +135,13 @@ expect 2 'exists' "$gnathion" recording capture --devices "$work/one.toml" --out
 "$gnathion" recording capture --quiet --devices "$work/none.toml" --out "$work/never.mcap" 2>/dev/null
 [ $? -eq 4 ] && [ ! -e "$work/never.mcap" ] || { echo "FAILED: a capture without a device"; failures=$((failures + 1)); }
 
+# One camera under two names: the second gets a line, the other devices are recorded.
+printf '[[device]]\nkind = "camera"\nname = "left"\nsource = 97\n[[device]]\nkind = "camera"\nname = "right"\nsource = "/dev/video97"\n' >"$work/twice.toml"
+cat "$work/one.toml" >>"$work/twice.toml"
+"$gnathion" recording capture --quiet --devices "$work/twice.toml" --out "$work/twice.mcap" >/dev/null 2>"$work/twice.err"
+[ $? -eq 0 ] && [ "$(grep -c "right: source /dev/video97 is already camera 'left'" "$work/twice.err")" -eq 1 ] && [ -s "$work/twice.mcap" ] ||
+  { echo "FAILED: a camera named twice"; cat "$work/twice.err"; failures=$((failures + 1)); }
+
 # SIGUSR1 asks every scanner for a scan; one whose camera is not plugged in answers with a line that says so.
 printf '[[camera]]\nname = "d"\nwidth_px = 80\nheight_px = 60\nfx_px = 90\nfy_px = 90\ncx_px = 39.5\ncy_px = 29.5\nk1 = 0\nk2 = 0\np1 = 0\np2 = 0\nk3 = 0\nrig_from_camera = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n' >"$work/depth.toml"
 printf '[[device]]\nkind = "depth_camera"\nname = "face"\nvendor = "fffe"\nproduct = "fffe"\nintrinsics = "depth.toml"\ntimeout_s = 0.2\n' >"$work/scanner.toml"
