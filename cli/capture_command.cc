@@ -140,6 +140,8 @@ std::string status_line(const SessionStatus& s) {
     const auto counts = s.ledger.find(d.description.stream);
     line += fmt::format(" | {} {}", d.description.stream, name_of(d.health.state));
     if (d.health.rate_hz > 0) line += fmt::format(" {:.1f} Hz", d.health.rate_hz);
+    if (const ClockEstimate& c = d.health.clock; c.known)
+      line += fmt::format(" jitter {:.2f} ms drift {:+.1f} ppm", c.jitter_ms, c.drift_ppm);
     if (counts == s.ledger.end()) continue;
     line += fmt::format(" {}", counts->second.received);
     const std::uint64_t lost = counts->second.missing + sum_of(counts->second.rejected);
@@ -201,6 +203,11 @@ json status_json(const SessionStatus& s, const std::string& out) {
                    {"state", name_of(d.health.state)},
                    {"message", d.health.message},
                    {"reconnects", d.health.reconnects}};
+    if (const ClockEstimate& c = d.health.clock; c.known)
+      device["clock"] = {{"jitter_ms", c.jitter_ms},
+                         {"drift_ppm", c.drift_ppm},
+                         {"outliers", c.outliers},
+                         {"restarts", c.restarts}};
     devices.push_back(std::move(device));
   }
   return {{"out", out},
