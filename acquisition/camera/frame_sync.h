@@ -1,8 +1,8 @@
 // Several cameras as one rig: their frames grouped into sets of one instant, each lone frame accounted for.
 //
 // Which frames belong together follows from the headers alone, never from when they were handed over. The
-// frames that a recording keeps therefore give the same sets again: whatever reads them (tracking,
-// calibration, the stereo scanner) runs the same FrameGrouper over them, live or replayed.
+// frames that a recording keeps therefore give the same sets again, live or replayed. So far a part of the
+// library alone: no command runs it, neither `recording capture` nor `track`.
 #pragma once
 
 #include <deque>
