@@ -4,6 +4,8 @@ set -euo pipefail
 list="$(dirname "$0")/apt-packages.txt"
 missing=()
 for package in $(sed 's/#.*//' "$list"); do
+  # Node.js may come from elsewhere with an npm of its own, which Debian's package would break.
+  case "$package" in nodejs | npm) command -v "${package%js}" >/dev/null && continue ;; esac
   dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
 done
 [ ${#missing[@]} -eq 0 ] && exit 0
