@@ -30,12 +30,15 @@ struct Session::State {
         options(std::move(given)),
         clock(host_clock),
         queue(options.queue_bytes),
-        started(clock.now()) {}
+        started(clock.now()) {
+    for (const RigOptions& rig : options.rigs) watches.emplace_back(rig);
+  }
 
   void run_device(Lane& lane);
   void run_writer();
   void run_sync();
   void write_queue();
+  void write(const Sample& sample);
   void publish(HostTime now);
   void lane_ended();
   void disk_failed(const Error& error);
@@ -48,6 +51,7 @@ struct Session::State {
   Clock& clock;
   SampleQueue queue;
   const HostTime started;
+  std::vector<RigWatch> watches;  ///< writer thread
   std::vector<std::unique_ptr<Lane>> lanes;
   std::thread writer_thread, sync_thread;
   std::mutex finishing;
@@ -59,6 +63,7 @@ struct Session::State {
   std::optional<Error> error;
   std::optional<HostTime> ended_at;
   std::map<std::string, LedgerCounts> ledger;
+  std::vector<RigCounts> rigs;
   std::deque<std::pair<HostTime, std::uint64_t>> sizes;  ///< of the file, over the last second
   double longest_sync_s = 0, longest_write_s = 0;
 };
@@ -136,8 +141,18 @@ void Session::State::publish(HostTime now) {
   const std::uint64_t bytes = writer.file_bytes();
   std::lock_guard lock(mutex);
   ledger = writer.ledger();
+  rigs.clear();
+  for (const RigWatch& watch : watches) rigs.push_back(watch.counts());
   sizes.emplace_back(now, bytes);
   while (sizes.size() > 2 && now.seconds_since(sizes[1].first) > 1.0) sizes.pop_front();
+}
+
+/// The sample, and the lone frames of rigs that it makes known.
+void Session::State::write(const Sample& sample) {
+  if (const Status status = writer.write(sample); !status) disk_failed(status.error());
+  for (RigWatch& watch : watches)
+    for (const EventSample& event : watch.look_at(sample))
+      if (const Status status = writer.write(event); !status) disk_failed(status.error());
 }
 
 /// Until the queue is closed and empty. After an error of the disk samples are still taken, to be accounted
@@ -153,8 +168,7 @@ void Session::State::write_queue() {
     const HostTime now = clock.now();
     if (sample) {
       const Stopwatch watch;
-      const Status status = writer.write(*sample);
-      if (!status) disk_failed(status.error());
+      write(*sample);
       if (watch.seconds() > longest_write_s) {
         std::lock_guard lock(mutex);
         longest_write_s = watch.seconds();
@@ -181,6 +195,9 @@ void Session::State::write_queue() {
 
 void Session::State::run_writer() {
   write_queue();
+  for (RigWatch& watch : watches)
+    for (const EventSample& event : watch.finish())
+      if (const Status status = writer.write(event); !status) disk_failed(status.error());
   {
     std::lock_guard lock(mutex);
     no_more_syncs = true;
@@ -236,6 +253,7 @@ SessionStatus Session::State::status() {
   s.error = error;
   s.elapsed_s = ended_at.value_or(clock.now()).seconds_since(started);
   s.ledger = ledger;
+  s.rigs = rigs;
   if (sizes.size() > 1) {
     const double span_s = sizes.back().first.seconds_since(sizes.front().first);
     const auto grown =

@@ -25,6 +25,7 @@
 
 #include "acquisition/device.h"
 #include "acquisition/recording.h"
+#include "acquisition/rig_watch.h"
 #include "core/time.h"
 
 namespace gnathion {
@@ -34,6 +35,7 @@ struct SessionOptions {
   std::size_t reserve_bytes = std::size_t{32} << 20;
   int sync_interval_ms = 300;
   RecordingOptions recording{"zstd", 60'000'000, std::size_t{4} << 20, true};
+  std::vector<RigOptions> rigs;                    ///< cameras whose frames should come in sets
   std::string software_version;                    ///< kept in the recording's session.json
   std::map<std::string, std::string> attachments;  ///< name → bytes: configuration, calibration files
 };
@@ -52,6 +54,7 @@ struct SessionStatus {
   double elapsed_s = 0;
   std::vector<SessionDevice> devices;
   std::map<std::string, LedgerCounts> ledger;  ///< by stream
+  std::vector<RigCounts> rigs;
   std::size_t queue_bytes = 0, queue_peak_bytes = 0, queue_capacity_bytes = 0;
   std::uint64_t file_bytes = 0, synced_bytes = 0;
   double disk_mib_s = 0;                           ///< over the last second

@@ -8,6 +8,7 @@
 #include <condition_variable>
 #include <functional>
 #include <mutex>
+#include <set>
 #include <thread>
 
 #include "acquisition/replay_device.h"
@@ -126,6 +127,48 @@ TEST_F(SessionTest, RecordsSeveralDevicesAndTellsHowTheyWereSet) {
   EXPECT_THAT(*(*source)->attachment("session.json"), HasSubstr("1.2.3"));
   EXPECT_THAT(*(*source)->attachment("session.json"), HasSubstr("exposure_us: 8000 (asked 8333)"));
   EXPECT_THAT(*(*source)->attachment("session_end.json"), HasSubstr("camera_1"));
+}
+
+TEST_F(SessionTest, TellsEveryLoneFrameOfARigAndKeepsIt) {
+  // Two cameras of one trigger, 60 Hz; the second one misses frames 7 and 30, its last frame comes 6 ms late.
+  const auto triggered = [this](const std::string& stream, bool second) {
+    return std::make_unique<ScriptedDevice>(
+        stream, [=, this, n = 0](int, ScriptedDevice&) mutable -> Result<std::optional<Sample>> {
+          while (second && (n == 7 || n == 30)) ++n;
+          if (n == 50) return std::optional<Sample>();
+          const std::int64_t late_ns = second ? (n == 49 ? 6'000'000 : 300'000) : 0;
+          const SampleHeader h{stream,
+                               static_cast<std::uint32_t>(n),
+                               {1'000'000'000 + n * 16'666'667 + late_ns},
+                               clock_.now(),
+                               {n * 1000}};
+          ++n;
+          return std::optional<Sample>(FrameSample{h, Image8(8, 8)});
+        });
+  };
+  std::vector<std::unique_ptr<Device>> devices;
+  devices.push_back(triggered("camera_0", false));
+  devices.push_back(triggered("camera_1", true));
+  SessionOptions options;
+  options.rigs = {{"chair", {}}};
+  options.rigs.front().sync.streams = {"camera_0", "camera_1"};
+  options.rigs.front().sync.max_lag_ns = 10'000'000'000;  // nothing here waits for its time
+  auto session = Session::start(file(), std::move(devices), options, clock_);
+  ASSERT_TRUE(session) << session.error().line();
+  EXPECT_TRUE((*session)->wait_for(60));
+  ASSERT_TRUE((*session)->finish());
+  const SessionStatus status = (*session)->status();
+  ASSERT_EQ(status.rigs.size(), 1u);
+  EXPECT_EQ(status.rigs[0].sets, 47u);
+  EXPECT_EQ(status.rigs[0].lone, 4u);
+  auto streams = replay();
+  std::set<std::string> told;
+  for (const Sample& sample : streams.at("chair/sync")) told.insert(std::get<EventSample>(sample).text);
+  EXPECT_EQ(told, (std::set<std::string>{
+                      "camera_0 7: no partner within 4.0 ms", "camera_0 30: no partner within 4.0 ms",
+                      "camera_0 49: no partner within 4.0 ms", "camera_1 49: no partner within 4.0 ms"}));
+  EXPECT_EQ(status.ledger.at("camera_0").received, 50u);
+  EXPECT_EQ(status.ledger.at("camera_1").received, 48u);
 }
 
 TEST_F(SessionTest, DevicesThatFailOrThrowDoNotStopTheOthers) {

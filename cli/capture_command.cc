@@ -128,6 +128,37 @@ std::vector<std::unique_ptr<Device>> open_devices(const std::vector<DeviceConfig
   return devices;
 }
 
+/// Cameras with one `rig` are watched for frames of one instant: `rig_tolerance_ms` (4), `rig_time` = "host"
+/// or "device" of its first camera. The keys are taken out: the devices do not know them.
+Result<std::vector<RigOptions>> take_rigs(std::vector<DeviceConfig>& configs) {
+  std::vector<RigOptions> rigs;
+  for (DeviceConfig& config : configs) {
+    if (config.kind != "camera" && config.kind != "aravis") continue;
+    DeviceConfig own = config;
+    std::erase_if(own.settings, [](const auto& entry) { return entry.first.rfind("rig", 0) != 0; });
+    std::erase_if(config.settings, [&](const auto& entry) { return own.settings.count(entry.first) > 0; });
+    SettingsReader reader(own);
+    const std::string name = reader.text("rig").value_or("");
+    const double tolerance_ms = reader.number_in("rig_tolerance_ms", 0.01, 100.0, 4.0);
+    const std::string time = reader.choice("rig_time", {"host", "device"}, "host");
+    GNATHION_CHECK_OK(reader.finish());
+    if (name.empty()) continue;
+    auto rig = std::find_if(rigs.begin(), rigs.end(), [&](const RigOptions& r) { return r.name == name; });
+    if (rig == rigs.end()) {
+      rigs.push_back({name, {}});
+      rig = rigs.end() - 1;
+      rig->sync.tolerance_ns = static_cast<std::int64_t>(1e6 * tolerance_ms);
+      using TimeBase = RigSyncOptions::TimeBase;
+      rig->sync.time_base = time == "device" ? TimeBase::kDeviceTime : TimeBase::kHostCapture;
+    }
+    rig->sync.streams.push_back(config.stream);
+  }
+  for (const RigOptions& rig : rigs)
+    if (rig.sync.streams.size() < 2)
+      return bad_input("cannot configure rig", rig.name, "has one camera; frames come in sets from two on");
+  return rigs;
+}
+
 std::uint64_t sum_of(const std::map<std::string, std::uint64_t>& by_reason) {
   std::uint64_t sum = 0;
   for (const auto& [reason, n] : by_reason) sum += n;
@@ -147,6 +178,8 @@ std::string status_line(const SessionStatus& s) {
     const std::uint64_t lost = counts->second.missing + sum_of(counts->second.rejected);
     if (lost > 0) line += fmt::format(" -{}", lost);
   }
+  for (const RigCounts& rig : s.rigs)
+    line += fmt::format(" | {} {} sets, {} lone", rig.name, rig.sets, rig.lone);
   const double fill = static_cast<double>(s.queue_bytes) / static_cast<double>(s.queue_capacity_bytes);
   return line + fmt::format(" | queue {:.0f} % | {:.1f} MiB/s", 100 * fill, s.disk_mib_s);
 }
@@ -210,7 +243,10 @@ json status_json(const SessionStatus& s, const std::string& out) {
                          {"restarts", c.restarts}};
     devices.push_back(std::move(device));
   }
+  json rigs = json::object();
+  for (const RigCounts& rig : s.rigs) rigs[rig.name] = {{"sets", rig.sets}, {"lone", rig.lone}};
   return {{"out", out},
+          {"rigs", rigs},
           {"elapsed_s", s.elapsed_s},
           {"bytes", s.file_bytes},
           {"streams", streams},
@@ -227,6 +263,9 @@ std::string status_text(const SessionStatus& s, const std::string& out) {
                         sum_of(c.rejected));
     for (const auto& [reason, n] : c.rejected) text += fmt::format("    rejected: {} × {}\n", n, reason);
   }
+  for (const RigCounts& rig : s.rigs)
+    text +=
+        fmt::format("rig {:<16} {:>9} sets of one instant, {} lone frames\n", rig.name, rig.sets, rig.lone);
   return text;
 }
 
@@ -234,8 +273,9 @@ Result<CommandOutput> capture(const CaptureOptions& o, const CommonOptions& comm
   std::vector<std::string> inputs = o.attach;
   inputs.push_back(o.devices);
   GNATHION_CHECK_OK(may_write(o.out, common, inputs));
-  GNATHION_TRY(const std::vector<DeviceConfig> configs, read_device_configs(o.devices));
+  GNATHION_TRY(std::vector<DeviceConfig> configs, read_device_configs(o.devices));
   SessionOptions options;
+  GNATHION_TRY(options.rigs, take_rigs(configs));
   options.software_version = kVersion;
   GNATHION_CHECK_OK(attach_file(o.devices, options.attachments));
   for (const DeviceConfig& config : configs) GNATHION_CHECK_OK(attach_files_of(config, options.attachments));

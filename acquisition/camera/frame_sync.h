@@ -1,8 +1,9 @@
 // Several cameras as one rig: their frames grouped into sets of one instant, each lone frame accounted for.
 //
 // Which frames belong together follows from the headers alone, never from when they were handed over. The
-// frames that a recording keeps therefore give the same sets again, live or replayed. So far a part of the
-// library alone: no command runs it, neither `recording capture` nor `track`.
+// frames that a recording keeps therefore give the same sets again, live or replayed. `recording capture`
+// tells each lone frame (rig_watch.h) and keeps it; `track` groups by capture times of its own
+// (tracking/session_motion.cc).
 #pragma once
 
 #include <deque>
