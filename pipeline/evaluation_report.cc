@@ -122,8 +122,8 @@ std::vector<std::pair<std::string, std::string>> parameters_of(const EvaluateJob
 
 /// What a file was given as.
 std::string role_of(const std::string& path, const EvaluateJob& job) {
-  if (!job.rows.empty() && path == job.rows) return "rows";
-  if (!job.printed.empty() && path == job.printed) return "printed totals";
+  // Beside the rows only the printed totals are read, also where they were found and not given.
+  if (!job.rows.empty()) return path == job.rows ? "rows" : "printed totals";
   if (!job.config.empty() && path == job.config) return "configuration";
   for (const EvaluateSplint& s : job.splints) {
     const std::pair<const char*, const fs::path*> roles[] = {
