@@ -72,9 +72,9 @@ class Simplifier {
     std::vector<std::uint32_t> alive;
     for (std::uint32_t v = 0; v < fans_.size(); ++v)
       if (!fans_[v].empty()) alive.push_back(v);
+    // The grid stands still, held by one far corner; the vertices move through it from round to round.
     std::vector<Vector3> shifted;
     const Vector3 shift = Vector3::Constant(kBlockMm * 0.37 * round);
-    // One far corner fixes the grid's origin, which then moves with the round.
     for (const std::uint32_t v : alive) shifted.push_back(places_[v] + shift);
     shifted.push_back(Vector3::Constant(-1000.0));
     const PointGroups groups = grouped_by_place(shifted, kBlockMm);
