@@ -30,6 +30,8 @@ struct RigCamera {
   std::string name;  ///< also the name of its stream in recordings
   CameraModel model;
   Rigid3 rig_from_camera;  ///< the rig's frame is the first camera's
+  /// From the exposure of one row to that of the next; 0: global shutter; nothing: not known.
+  std::optional<double> line_time_ns = std::nullopt;
 };
 
 /// One square tag on a body; corners in the order of libapriltag: as the detector returns them for an

@@ -66,6 +66,12 @@ Result<RigCamera> parse_camera(const toml::table& t, const std::string& where) {
                                  "orthogonality off by {:.2g}",
                                  *name, d.determinant, d.orthogonality));
   camera.rig_from_camera = nearest_rigid(matrix);
+  if (t.contains("line_time_ns")) {
+    GNATHION_TRY(camera.line_time_ns, number(t, "line_time_ns", where));
+    if (!(std::abs(*camera.line_time_ns) * height <= 1e9))
+      return bad_input(kWhat, where,
+                       fmt::format("line_time_ns of '{}' makes a frame of more than a second", *name));
+  }
   return camera;
 }
 
@@ -107,7 +113,9 @@ std::string camera_toml(const RigCamera& camera) {
   for (int r = 0; r < 4; ++r)
     text += fmt::format("\n  {:.17g}, {:.17g}, {:.17g}, {:.17g},", pose(r, 0), pose(r, 1), pose(r, 2),
                         pose(r, 3));
-  return text + "\n]\n";
+  text += "\n]\n";
+  if (camera.line_time_ns) text += fmt::format("line_time_ns = {:.17g}\n", *camera.line_time_ns);
+  return text;
 }
 
 }  // namespace

@@ -52,6 +52,7 @@ Rig phantom_rig(const PhantomPatient& patient) {
   camera.model.k2 = 0.05;
   camera.model.p1 = 0.0005;
   camera.model.p2 = -0.0005;
+  camera.line_time_ns = 0;
   return {{camera}, patient.bow.tags, patient.head_frame.tags};
 }
 

@@ -42,6 +42,7 @@ struct SessionMotion {
   std::map<std::string, StreamLedger> ledger;
   HostTime start;  ///< the first sample's capture time: time 0 of files
   std::size_t full_searches = 0;
+  std::vector<std::string> warnings;  ///< what a user should know: shutter not known, focal length drifts, …
 
   double time_s(const MotionRow& row) const { return row.capture.seconds_since(start); }
 };
