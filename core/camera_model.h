@@ -59,6 +59,8 @@ Result<Rig> read_rig(const std::filesystem::path& path);
 Result<std::vector<RigCamera>> read_rig_cameras(const std::filesystem::path& path);
 /// bow.toml: name, family and [[tag]] with id and corners_mm.
 Result<TaggedBody> read_body(const std::filesystem::path& path);
+/// The same, written; `comment` stands on the first lines.
+Status write_body(const std::filesystem::path& path, const TaggedBody& body, const std::string& comment = {});
 /// Writes RIG.toml, and bow.toml and head_frame.toml beside it.
 Status write_rig(const std::filesystem::path& path, const Rig& rig);
 

@@ -184,4 +184,13 @@ Status write_rig(const fs::path& path, const Rig& rig) {
   return write_file(path.parent_path() / "head_frame.toml", body_toml(rig.head_frame));
 }
 
+Status write_body(const fs::path& path, const TaggedBody& body, const std::string& comment) {
+  std::string head;
+  if (!comment.empty()) head = "# " + comment;
+  for (std::size_t at = 0; (at = head.find('\n', at)) != std::string::npos; at += 3)
+    head.replace(at, 1, "\n# ");
+  if (!head.empty()) head += "\n";
+  return write_file(path, head + body_toml(body));
+}
+
 }  // namespace gnathion
