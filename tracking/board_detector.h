@@ -6,15 +6,15 @@
 #include <string>
 
 #include "core/calibration_board.h"
+#include "core/camera_model.h"
 #include "core/image.h"
 
 namespace gnathion {
 
 struct BoardDetection {
-  BoardView view;              ///< no corners: not found
-  std::string reason;          ///< why not: "no chessboard of 9x6 inner corners"
-  bool another_board = false;  ///< a board is there, but not the one that was said; `reason` says which
-  double blur_px = 0;          ///< standard deviation of the edges' profile, median of the corners
+  BoardView view;      ///< no corners: not found
+  std::string reason;  ///< why not: "no chessboard of 9x6 inner corners"
+  double blur_px = 0;  ///< standard deviation of the edges' profile, median of the corners
   bool found() const { return !view.corners.empty(); }
 };
 
@@ -24,7 +24,11 @@ class BoardDetector {
   static Result<std::unique_ptr<BoardDetector>> create(const CalibrationBoard& board);
   ~BoardDetector();
   /// A chessboard is found whole or not at all; of ChArUco and AprilGrid boards a part may be hidden.
-  BoardDetection detect(const Image8& image);
+  /// `camera`: the lens as far as it is known; only tags without squares at their corners ask for it.
+  BoardDetection detect(const Image8& image, const CameraModel& camera = {});
+  /// For an image in which the board was not found: what there is instead ("a chessboard of 9x6 inner
+  /// corners", "the mirror image of the board"); empty where there is nothing. Slow.
+  std::string what_else(const Image8& image);
 
  private:
   struct Impl;

@@ -1,0 +1,71 @@
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+
+#include "tracking/board_search.h"
+
+namespace gnathion::board {
+namespace {
+
+cv::Mat as_mat(const Image8& image) {
+  return {image.height_px, image.width_px, CV_8UC1, const_cast<std::uint8_t*>(image.pixels.data())};
+}
+
+/// Half of the step over the neighbours on both sides, or the step to the one neighbour there is.
+Vector2 step(const std::vector<Vector2>& px, int at, int stride, int place, int count) {
+  const int low = place > 0 ? at - stride : at, high = place + 1 < count ? at + stride : at;
+  return (px[static_cast<std::size_t>(high)] - px[static_cast<std::size_t>(low)]) / ((high - low) / stride);
+}
+
+double cross(const Vector2& a, const Vector2& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+}  // namespace
+
+std::optional<std::vector<RoughCorner>> find_chessboard(const Image8& image, const CalibrationBoard& board) {
+  const cv::Size size(board.columns, board.rows);
+  std::vector<cv::Point2f> found;
+  const cv::Mat mat = as_mat(image);
+  bool seen = false;
+  try {
+    seen = cv::findChessboardCorners(mat, size, found,
+                                     cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE);
+    if (!seen) seen = cv::findChessboardCornersSB(mat, size, found, cv::CALIB_CB_NORMALIZE_IMAGE);
+  } catch (const cv::Exception&) {
+    return std::nullopt;  // images of a few pixels
+  }
+  if (!seen || found.size() != static_cast<std::size_t>(size.area())) return std::nullopt;
+  std::vector<Vector2> px;
+  for (const cv::Point2f& p : found) px.emplace_back(static_cast<double>(p.x), static_cast<double>(p.y));
+  const int columns = board.columns, rows = board.rows;
+  double turn = 0;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < columns; ++c)
+      turn += cross(step(px, r * columns + c, 1, c, columns), step(px, r * columns + c, columns, r, rows));
+  if (turn < 0)
+    for (int r = 0; r < rows; ++r) std::reverse(px.begin() + r * columns, px.begin() + (r + 1) * columns);
+  std::vector<RoughCorner> corners;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < columns; ++c) {
+      const int at = r * columns + c;
+      corners.push_back({at, px[static_cast<std::size_t>(at)], step(px, at, 1, c, columns) / board.square_mm,
+                         step(px, at, columns, r, rows) / board.square_mm});
+    }
+  return corners;
+}
+
+std::array<int, 2> measure_chessboard(const Image8& image) {
+  cv::Mat corners, meta;
+  try {
+    if (cv::findChessboardCornersSB(
+            as_mat(image), cv::Size(3, 3), corners,
+            cv::CALIB_CB_LARGER | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE, meta))
+      return {std::max(meta.cols, meta.rows), std::min(meta.cols, meta.rows)};
+  } catch (const cv::Exception&) {
+  }
+  return {0, 0};
+}
+
+}  // namespace gnathion::board
