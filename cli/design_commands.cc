@@ -109,11 +109,11 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
   command->add_option("--mandible", o->job.mandible, "lower arch, same frame")->required();
   command->add_option("--transform", o->job.transform, "T_th: JSON, 16 numbers, or ITK .tfm")->required();
   command->add_option("--out", o->out, "folder to make")->required();
-  command->add_option("--arch", o->arch, "arch that wears the splint (so far: maxilla)")
-      ->check(CLI::IsMember({"maxilla"}))
+  command->add_option("--arch", o->arch, "arch that wears the splint")
+      ->check(CLI::IsMember({"maxilla", "mandible"}))
       ->capture_default_str();
   command->add_option("--occlusal-surface", o->job.occlusal_surface,
-                      "S_occ; so far it is drawn, and the splint is built on the one found on the maxilla");
+                      "S_occ of that arch, where it lies in MI; else its crowns");
   command->add_option("--mandible-pose", o->pose, "where the mandible's file has it")
       ->check(CLI::IsMember({"mi", "tp"}))
       ->capture_default_str();
@@ -122,6 +122,7 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
         GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
+        o->job.arch = o->arch == "maxilla" ? Arch::kMaxilla : Arch::kMandible;
         o->job.mandible_is_in_tp = o->pose == "tp";
         o->job.pictures = !o->no_pictures;
         GNATHION_CHECK_OK(keeps_inputs(o->out, input_paths(o->job)));

@@ -49,18 +49,19 @@ std::vector<FilmSample> sampled_film(const SplintField& field, const GridShape& 
   return film;
 }
 
-std::vector<std::uint8_t> teeth_near(const Vector3& centre_mm, double radius_mm, const TriangleMesh& maxilla,
+std::vector<std::uint8_t> teeth_near(const Vector3& centre_mm, double radius_mm, const TriangleMesh& support,
                                      const std::vector<std::uint8_t>& fdi) {
   std::set<std::uint8_t> teeth;
   for (std::size_t v = 0; v < fdi.size(); ++v)
-    if (fdi[v] != 0 && (maxilla.vertices_mm[v] - centre_mm).norm() < radius_mm) teeth.insert(fdi[v]);
+    if (fdi[v] != 0 && (support.vertices_mm[v] - centre_mm).norm() < radius_mm) teeth.insert(fdi[v]);
   return {teeth.begin(), teeth.end()};
 }
 
 }  // namespace
 
-std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& maxilla_dental,
-                                      const std::vector<std::uint8_t>& maxilla_fdi) {
+std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& support_dental,
+                                      const std::vector<std::uint8_t>& support_fdi, Arch arch) {
+  const char* const opposing = arch == Arch::kMaxilla ? "mandible in TP" : "maxilla in TP";
   const Preparation& prep = field.preparation();
   const GridShape& shape = prep.coarse;
   const std::vector<FilmSample> film = sampled_film(field, shape);
@@ -97,10 +98,10 @@ std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMe
     aperture.area_mm2 = area;
     aperture.centre_mm = dental_from_design * Vector3(moment / area);
     aperture.teeth =
-        teeth_near(aperture.centre_mm, 1.5 + std::sqrt(area / M_PI), maxilla_dental, maxilla_fdi);
+        teeth_near(aperture.centre_mm, 1.5 + std::sqrt(area / M_PI), support_dental, support_fdi);
     aperture.cause = thinnest > 0.0
-                         ? fmt::format("mandible in TP leaves {:.2f} mm of wall over the cavity", thinnest)
-                         : fmt::format("mandible in TP reaches {:.2f} mm into the cavity's gap", -thinnest);
+                         ? fmt::format("{} leaves {:.2f} mm of wall over the cavity", opposing, thinnest)
+                         : fmt::format("{} reaches {:.2f} mm into the cavity's gap", opposing, -thinnest);
     out.push_back(std::move(aperture));
   }
   std::stable_sort(out.begin(), out.end(),

@@ -7,12 +7,12 @@ namespace {
 constexpr double kClosingErrorMm = 0.08;  // of the closing on the coarse grid, where nothing was closed
 }  // namespace
 
-CoarseGrid coarse_cavity(const CoarseGrid& maxilla, const CoarseGrid& maxilla_swept,
+CoarseGrid coarse_cavity(const CoarseGrid& support, const CoarseGrid& support_swept,
                          const SplintParameters& p) {
-  CoarseGrid cavity = maxilla;
+  CoarseGrid cavity = support;
   for (std::size_t i = 0; i < cavity.values().size(); ++i)
-    cavity.values()[i] = std::min(maxilla.values()[i] - static_cast<float>(p.gap_mm),
-                                  maxilla_swept.values()[i] + static_cast<float>(p.engagement_mm));
+    cavity.values()[i] = std::min(support.values()[i] - static_cast<float>(p.gap_mm),
+                                  support_swept.values()[i] + static_cast<float>(p.engagement_mm));
   return cavity;
 }
 

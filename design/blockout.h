@@ -1,4 +1,5 @@
-// Insertion: what of the maxilla's neighbourhood must stay free for the splint to pass and to seat.
+// Insertion: what of the neighbourhood of the arch that wears the splint must stay free for the splint to
+// pass and to seat.
 #pragma once
 
 #include "design/coarse_grid.h"
@@ -7,7 +8,7 @@
 namespace gnathion {
 
 /// Cavity = (M ⊕ B_g) ∪ ((M ⊕ R_a) ⊖ D_r) on the coarse grid; both arguments are distances.
-CoarseGrid coarse_cavity(const CoarseGrid& maxilla, const CoarseGrid& maxilla_swept,
+CoarseGrid coarse_cavity(const CoarseGrid& support, const CoarseGrid& support_swept,
                          const SplintParameters& p);
 
 /// The cavity with grooves narrower than twice the embrasure radius closed, so that no fin of the splint

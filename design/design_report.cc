@@ -52,6 +52,19 @@ json seating_facts(const std::optional<PredictedSeating>& seating) {
       {"alpha_deg", seating->alpha_deg}, {"t_mm", seating->t_mm}, {"max_tooth_mm", seating->max_tooth_mm}};
 }
 
+const char* arch_name(Arch arch) {
+  return arch == Arch::kMaxilla ? "maxilla" : "mandible";
+}
+
+json insertion_facts(const SplintDesign& design) {
+  const Insertion& i = design.insertion;
+  return {{"direction", point(i.direction)},
+          {"tilt_deg", i.tilt_deg},
+          {"undercut_mm3", i.undercut_mm3},
+          {"undercut_at_normal_mm3", i.undercut_at_normal_mm3},
+          {"retention_area_mm2", design.verification.retention_area_mm2}};
+}
+
 json input_facts(const std::vector<InputRecord>& inputs) {
   json out = json::array();
   for (const InputRecord& i : inputs) out.push_back({{"path", i.path}, {"sha256", i.sha256}});
@@ -84,6 +97,8 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
             {"where_mm", point(v.thickness.where_mm)}}},
           {"seat_gap_mm",
            {{"min", v.seat_gap.min_mm}, {"median", v.seat_gap.median_mm}, {"max", v.seat_gap.max_mm}}},
+          {"arch", arch_name(design.worn_on)},
+          {"insertion", insertion_facts(design)},
           {"maxilla_penetration_mm", v.maxilla_penetration_mm},
           {"mandible_penetration_mm", v.mandible_penetration_mm},
           {"contacts", contact_facts(v)},

@@ -13,6 +13,7 @@ constexpr double kStationMm = 1.0;
 constexpr double kSmoothingMm = 3.0;    // Gaussian along the arch
 constexpr double kSteepestTilt = 0.65;  // a steeper support is the palatal slope of a front tooth, no tilt
 constexpr double kShortestEdgeMm = 2.5;
+constexpr int kPasses = 2;  // z may be tilted against the plane in which the arch is measured
 
 struct Support {
   double height_mm = 0.0;  ///< at the arch curve
@@ -70,36 +71,49 @@ std::vector<Support> smoothed(const std::vector<Support>& stations) {
   return out;
 }
 
-std::vector<Support> supports_along(const TriangleMesh& maxilla, const ArchRuler& ruler,
+std::vector<Support> supports_along(const TriangleMesh& support, const ArchRuler& ruler,
                                     const Rigid3& dental_from_design) {
   const double first = ruler.s_min_mm();
   const auto count = static_cast<std::size_t>((ruler.s_max_mm() - first) / kStationMm) + 1;
-  std::vector<ArchCoordinates> where(maxilla.vertices_mm.size());
+  std::vector<ArchCoordinates> where(support.vertices_mm.size());
   parallel_each(where.size(), [&](std::size_t v) {
-    where[v] = ruler.measure(dental_from_design * maxilla.vertices_mm[v]);
+    where[v] = ruler.measure(dental_from_design * support.vertices_mm[v]);
   });
   std::vector<std::vector<Eigen::Vector2d>> points(count);
-  for (const ArchCoordinates& c : where) {
+  for (std::size_t v = 0; v < where.size(); ++v) {
+    const ArchCoordinates& c = where[v];
     if (std::abs(c.buccal_mm) > kHalfWidthMm) continue;
     const double low = (c.s_mm - kWindowMm - first) / kStationMm,
                  high = (c.s_mm + kWindowMm - first) / kStationMm;
     for (int i = std::max(0, static_cast<int>(std::ceil(low)));
          i <= std::min(static_cast<int>(count) - 1, static_cast<int>(std::floor(high))); ++i)
-      points[static_cast<std::size_t>(i)].emplace_back(c.buccal_mm, c.height_mm);
+      points[static_cast<std::size_t>(i)].emplace_back(c.buccal_mm, support.vertices_mm[v].z());
   }
   std::vector<Support> stations(count);
   parallel_each(count, [&](std::size_t i) { stations[i] = support_of(std::move(points[i])); });
   return smoothed(stations);
 }
 
+/// Height of the ruled surface, between two stations.
+double height_at(const std::vector<Support>& stations, const ArchCoordinates& c, double s_min_mm) {
+  const double u =
+      std::clamp((c.s_mm - s_min_mm) / kStationMm, 0.0, static_cast<double>(stations.size()) - 1.001);
+  const auto n = static_cast<std::size_t>(u);
+  const double t = u - static_cast<double>(n);
+  const Support& a = stations[n];
+  const Support& b = stations[std::min(n + 1, stations.size() - 1)];
+  const double across = std::clamp(c.buccal_mm, -kHalfWidthMm, kHalfWidthMm);
+  return (1 - t) * (a.height_mm + a.tilt * across) + t * (b.height_mm + b.tilt * across);
+}
+
 }  // namespace
 
-OcclusalMap::OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame,
+OcclusalMap::OcclusalMap(const TriangleMesh& support, const ArchFrame& frame,
                          const Rigid3& design_from_dental, const std::array<double, 2>& last_teeth_mm) {
   const ArchRuler ruler(frame);
   const Rigid3 dental_from_design = design_from_dental.inverse();
-  const std::vector<Support> stations = supports_along(maxilla, ruler, dental_from_design);
-  const Box box = bounding_box(maxilla);
+  const std::vector<Support> stations = supports_along(support, ruler, dental_from_design);
+  const Box box = bounding_box(support);
   origin_ = box.min_mm;
   nx_ = static_cast<int>(std::ceil(box.size_mm().x() / spacing_)) + 2;
   ny_ = static_cast<int>(std::ceil(box.size_mm().y() / spacing_)) + 2;
@@ -110,18 +124,14 @@ OcclusalMap::OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame,
     for (int j = 0; j < ny_; ++j) {
       Vector3 p = origin_ + spacing_ * Vector3(i, j, 0);
       p.z() = 0.0;
-      const ArchCoordinates c = ruler.measure(dental_from_design * p);
-      const double u = std::clamp((c.s_mm - ruler.s_min_mm()) / kStationMm, 0.0,
-                                  static_cast<double>(stations.size()) - 1.001);
-      const auto n = static_cast<std::size_t>(u);
-      const double t = u - static_cast<double>(n);
-      const Support& a = stations[n];
-      const Support& b = stations[std::min(n + 1, stations.size() - 1)];
-      const double across = std::clamp(c.buccal_mm, -kHalfWidthMm, kHalfWidthMm);
+      ArchCoordinates c;
+      for (int pass = 0; pass < kPasses; ++pass) {
+        c = ruler.measure(dental_from_design * p);
+        p.z() = height_at(stations, c, ruler.s_min_mm());
+      }
       const std::size_t at =
           static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
-      level_[at] =
-          static_cast<float>((1 - t) * (a.height_mm + a.tilt * across) + t * (b.height_mm + b.tilt * across));
+      level_[at] = static_cast<float>(p.z());
       off_[at] = static_cast<float>(c.buccal_mm);
       behind_[at] = static_cast<float>(std::max(last_teeth_mm[0] - c.s_mm, c.s_mm - last_teeth_mm[1]));
     }

@@ -44,6 +44,11 @@ constexpr Field kFields[] = {
     {"draft_deg", &SplintParameters::draft_deg, "deg", 0.0, 60.0, "draft of the stamp's side walls"},
     {"smoothing_mm", &SplintParameters::smoothing_mm, "mm", 0.3, 4.0, "radius of concave fillets outside"},
     {"rim_radius_mm", &SplintParameters::rim_radius_mm, "mm", 0.0, 0.5, "rounding of the rim"},
+    {"insertion_search_deg", &SplintParameters::insertion_search_deg, "deg", 0.0, 25.0,
+     "seating direction: least undercut within this of the occlusal normal; 0: as given"},
+    {"insertion_left_deg", &SplintParameters::insertion_left_deg, "deg", -25.0, 25.0,
+     "start of that search, tilted to the patient's left"},
+    {"insertion_anterior_deg", &SplintParameters::insertion_anterior_deg, "deg", -25.0, 25.0, "and forward"},
     {"embrasure_mm", &SplintParameters::embrasure_mm, "mm", 0.0, 2.0,
      "grooves narrower than twice this stay empty"},
 };

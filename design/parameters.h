@@ -29,6 +29,9 @@ struct SplintParameters {
   double draft_deg = 35.0;       ///< draft of the stamp's side walls against a
   double smoothing_mm = 2.0;     ///< radius of the concave fillets between shell and stamp
   double rim_radius_mm = 0.4;    ///< rounding of the rim
+  double insertion_search_deg = 15.0;   ///< a is sought within this of its start; 0: the start itself
+  double insertion_left_deg = 0.0;      ///< start of a: the occlusal normal, tilted to the patient's left ...
+  double insertion_anterior_deg = 0.0;  ///< ... and forward
   double embrasure_mm = 0.5;  ///< interdental grooves narrower than twice this are not filled by the splint
 };
 

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "design/insertion.h"
 #include "design/parallel.h"
 #include "occlusion/teeth.h"
 
@@ -66,37 +67,61 @@ TriangleMesh without_fragments(const TriangleMesh& mesh, const std::string& name
 }
 
 /// Arc lengths of the ends of the last teeth, right and left.
-std::array<double, 2> ends_of_teeth(const TriangleMesh& maxilla, const ArchFrame& arch) {
-  const std::vector<std::uint8_t> fdi = assign_teeth(maxilla, arch, Arch::kMaxilla);
+std::array<double, 2> ends_of_teeth(const TriangleMesh& support, const ArchFrame& arch, Arch which) {
+  const std::vector<std::uint8_t> fdi = assign_teeth(support, arch, which);
   const ArchRuler ruler(arch);
   std::vector<double> s;
   for (std::size_t v = 0; v < fdi.size(); ++v)
-    if (fdi[v] != 0) s.push_back(ruler.measure(maxilla.vertices_mm[v]).s_mm);
+    if (fdi[v] != 0) s.push_back(ruler.measure(support.vertices_mm[v]).s_mm);
   if (s.size() < 100) return {-1e3, 1e3};
   std::sort(s.begin(), s.end());
   const std::size_t few = s.size() / 500;  // stray labels
   return {s[few], s[s.size() - 1 - few]};
 }
 
+/// z along `a`, y as far posterior as that allows, origin on the occlusal plane.
+Rigid3 frame_along(const Vector3& a, const ArchFrame& arch) {
+  const Vector3 back = -arch.anterior;
+  const Vector3 y = (back - back.dot(a) * a).normalized();
+  Rigid3 frame;
+  frame.rotation.row(0) = y.cross(a);
+  frame.rotation.row(1) = y;
+  frame.rotation.row(2) = a;
+  frame.translation_mm = -(frame.rotation * arch.origin_mm);
+  return frame;
+}
+
+/// The seating direction, told in Dental.
+Insertion insertion_of(const TriangleMesh& support_dental, const ArchFrame& arch, Arch which,
+                       const std::array<double, 2>& last_teeth_mm, const SplintParameters& p) {
+  const Rigid3 upright = frame_along(arch.gingival(which), arch);
+  const TriangleMesh support =
+      closed_to_solid(transformed(upright, support_dental), Vector3::UnitZ(), nullptr);
+  const OcclusalMap level(support, arch, upright, last_teeth_mm);
+  Insertion insertion = find_insertion(support, level, which, p);
+  insertion.direction = upright.rotation.transpose() * insertion.direction;
+  return insertion;
+}
+
 /// Crown vertices: near the arch curve and no deeper than `depth_mm` behind the local level.
-Box crown_box(const TriangleMesh& maxilla, const OcclusalMap& level, double depth_mm) {
+Box crown_box(const TriangleMesh& support, const OcclusalMap& level, double depth_mm) {
   Box box;
-  for (const Vector3& v : maxilla.vertices_mm)
+  for (const Vector3& v : support.vertices_mm)
     if (std::abs(level.off_curve_mm(v)) < kBandHalfWidthMm && v.z() < level.level_mm(v) + depth_mm)
       box.extend(v);
   return box;
 }
 
 /// Room for the crowns, their image in TP, the shell and its fillets.
-GridShape design_box(const TriangleMesh& maxilla, const OcclusalMap& level, const Rigid3& therapeutic,
+GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, const Rigid3& tp_from_mi,
                      const SplintParameters& p, double spacing_mm) {
-  const Box crowns = crown_box(maxilla, level, p.depth_mm);
+  const Box crowns = crown_box(support, level, p.depth_mm);
   Box box = crowns;
   for (int corner = 0; corner < 8; ++corner) {
     const Vector3 v(corner & 1 ? crowns.max_mm.x() : crowns.min_mm.x(),
                     corner & 2 ? crowns.max_mm.y() : crowns.min_mm.y(),
                     corner & 4 ? crowns.min_mm.z() + p.stamp_height_mm + 2.0 : crowns.min_mm.z());
-    box.extend(therapeutic * v);
+    box.extend(tp_from_mi * v);
   }
   const double margin = p.wall_mm + p.gap_mm + p.smoothing_mm + 4 * spacing_mm;
   box.min_mm -= Vector3::Constant(margin);
@@ -114,35 +139,73 @@ GridShape design_box(const TriangleMesh& maxilla, const OcclusalMap& level, cons
   return shape;
 }
 
+constexpr double kStampReachMm = 6.0;  // a given S_occ lies this near to the crowns
+
+/// The given S_occ as a solid: turned to face the opposing arch, extruded towards the gingiva.
+Result<TriangleMesh> stamp_solid(const TriangleMesh& surface_dental, const Rigid3& design_from_dental,
+                                 const Box& crowns) {
+  TriangleMesh surface = transformed(design_from_dental, surface_dental);
+  const auto refuse = [](const char* why) { return bad_input("cannot design", "occlusal surface", why); };
+  if (surface.empty()) return refuse("it has no triangles");
+  const Box box = bounding_box(surface);
+  const Vector3 apart = (box.min_mm - crowns.max_mm).cwiseMax(crowns.min_mm - box.max_mm).cwiseMax(0.0);
+  if (apart.norm() > kStampReachMm) return refuse("it lies far from the crowns: another frame or unit?");
+  if (mesh_topology(surface).watertight()) {
+    if (signed_volume_mm3(surface) < 0.0) return refuse("its normals point inwards");
+    return surface;
+  }
+  double facing = 0.0;  // area towards the opposing arch, less the area that looks away
+  for (std::size_t t = 0; t < surface.triangles.size(); ++t) facing -= face_normal_scaled(surface, t).z();
+  if (facing < 0.0)
+    for (Triangle& t : surface.triangles) std::swap(t[1], t[2]);
+  return closed_to_solid(surface, Vector3::UnitZ(), nullptr);
+}
+
 }  // namespace
 
 Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters) {
   GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
-  const Rigid3 design_from_dental = arch.arch_from_dental;
-  const Rigid3 therapeutic = design_from_dental * inputs.therapeutic.rigid * design_from_dental.inverse();
   std::vector<std::string> warnings, holes;
-  const TriangleMesh upper = without_fragments(inputs.maxilla, "maxilla", warnings);
-  const TriangleMesh lower = without_fragments(inputs.mandible_mi, "mandible", warnings);
-  TriangleMesh maxilla = closed_to_solid(transformed(design_from_dental, upper), Vector3::UnitZ(), &holes);
-  TriangleMesh mandible = transformed(
-      therapeutic, closed_to_solid(transformed(design_from_dental, lower), -Vector3::UnitZ(), nullptr));
-  OcclusalMap level(maxilla, arch, design_from_dental, ends_of_teeth(inputs.maxilla, arch));
-  const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm)));
+  const char* const support_name = inputs.on_maxilla() ? "maxilla" : "mandible";
+  const TriangleMesh support_dental = without_fragments(inputs.support(), support_name, warnings);
+  const TriangleMesh opposing_dental =
+      without_fragments(inputs.opposing_mi(), inputs.on_maxilla() ? "mandible" : "maxilla", warnings);
+  const auto last_teeth_mm = ends_of_teeth(inputs.support(), arch, inputs.arch);
+
+  const Insertion insertion = insertion_of(support_dental, arch, inputs.arch, last_teeth_mm, parameters);
+  const Rigid3 design_from_dental = frame_along(insertion.direction, arch);
+  const Rigid3 tp_from_mi = design_from_dental * inputs.opposing_motion() * design_from_dental.inverse();
+  TriangleMesh support =
+      transformed(design_from_dental, closed_to_solid(support_dental, insertion.direction, &holes));
+  TriangleMesh opposing = transformed(tp_from_mi * design_from_dental,
+                                      closed_to_solid(opposing_dental, -insertion.direction, nullptr));
+  OcclusalMap level(support, arch, design_from_dental, last_teeth_mm);
+  std::optional<MeshQuery> given_stamp;
+  if (inputs.occlusal_surface) {
+    GNATHION_TRY(TriangleMesh solid, stamp_solid(*inputs.occlusal_surface, design_from_dental,
+                                                 crown_box(support, level, parameters.depth_mm)));
+    given_stamp.emplace(std::move(solid));
+  }
+
+  // 0.3 mm, or 0.4 for voxels of 0.2: the small term settles halves.
+  const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm + 0.01)));
   const GridShape coarse =
-      design_box(maxilla, level, therapeutic, parameters, parameters.voxel_mm * refinement);
+      design_box(support, level, tp_from_mi, parameters, parameters.voxel_mm * refinement);
   if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
-    return bad_input("cannot design", "maxilla", "no crowns found near the arch curve");
-  std::vector<Vector3> normals = smoothed_normals(maxilla);
-  std::vector<double> sharp = sharpness(maxilla), sharp_below = sharpness(mandible);
-  for (const std::string& hole : holes) warnings.push_back("maxilla: " + hole);
+    return bad_input("cannot design", support_name, "no crowns found near the arch curve");
+  std::vector<Vector3> normals = smoothed_normals(support);
+  std::vector<double> sharp = sharpness(support), sharp_opposing = sharpness(opposing);
+  for (const std::string& hole : holes) warnings.push_back(fmt::format("{}: {}", support_name, hole));
   return Preparation{std::move(arch),
                      design_from_dental,
-                     therapeutic,
-                     MeshQuery(std::move(maxilla)),
-                     MeshQuery(std::move(mandible)),
+                     insertion,
+                     tp_from_mi,
+                     MeshQuery(std::move(support)),
+                     MeshQuery(std::move(opposing)),
+                     std::move(given_stamp),
                      std::move(normals),
                      std::move(sharp),
-                     std::move(sharp_below),
+                     std::move(sharp_opposing),
                      std::move(level),
                      coarse,
                      refinement,

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,17 +20,17 @@ namespace gnathion {
 /// flat. `filled` receives one line per hole wider than 1 mm.
 TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled);
 
-/// The local occlusal level of the maxilla: a ruled surface that rests on the crowns from below, along the
-/// curve of Spee and tilted across the arch with the crowns (curve of Wilson; tipped molars). By position
-/// across a.
+/// The local occlusal level of an arch: a ruled surface that rests on the crowns from the occlusal side,
+/// along the curve of Spee and tilted across the arch with the crowns (curve of Wilson; tipped molars). By
+/// position across a.
 class OcclusalMap {
  public:
   OcclusalMap() = default;
-  /// `maxilla` in the design frame (solid or scan); sampled every 0.5 mm over its box. `last_teeth_mm`: arc
+  /// `support` in the design frame (solid or scan); sampled every 0.5 mm over its box. `last_teeth_mm`: arc
   /// lengths of the ends of the last teeth, right and left.
-  OcclusalMap(const TriangleMesh& maxilla, const ArchFrame& frame, const Rigid3& design_from_dental,
+  OcclusalMap(const TriangleMesh& support, const ArchFrame& frame, const Rigid3& design_from_dental,
               const std::array<double, 2>& last_teeth_mm);
-  /// Height of the level over the occlusal plane.
+  /// Height of the level along z.
   double level_mm(const Vector3& p_design_mm) const;
   /// Distance from the arch curve, buccal positive.
   double off_curve_mm(const Vector3& p_design_mm) const;
@@ -44,23 +45,28 @@ class OcclusalMap {
   std::vector<float> level_, off_, behind_;
 };
 
-/// The design frame: z along a (towards the gingiva of the maxilla), x left, y posterior, origin on the
-/// occlusal plane. Everything is built in it, so that the result does not depend on how the jaws lie in
-/// space.
+/// The design frame: z along a (towards the gingiva of the support, the arch that wears the splint), y
+/// posterior, x = y × z (left over the maxilla, right over the mandible), origin on the occlusal plane.
+/// Everything is built in it, so that the result does not depend on how the jaws lie in space.
 struct Preparation {
   ArchFrame arch;  ///< in Dental
   Rigid3 design_from_dental;
-  Rigid3 therapeutic;                    ///< T_th told in the design frame
-  MeshQuery maxilla;                     ///< M, closed, design frame
-  MeshQuery mandible;                    ///< L_TP, closed, design frame
-  std::vector<Vector3> maxilla_normals;  ///< per vertex of M, smoothed over about 0.4 mm
+  Insertion insertion;                   ///< direction in Dental
+  Rigid3 tp_from_mi;                     ///< the opposing arch's motion, told in the design frame
+  MeshQuery support;                     ///< M, closed, design frame
+  MeshQuery opposing;                    ///< in TP (L_TP over a maxillary splint), closed, design frame
+  std::optional<MeshQuery> given_stamp;  ///< S_occ in MI where it is given, extruded to a solid, design frame
+  std::vector<Vector3> support_normals;  ///< per vertex of M, smoothed over about 0.4 mm
   std::vector<double>
-      maxilla_sharpness;  ///< per vertex of M, 0 smooth to 1: convex tips narrower than the grid
-  std::vector<double> mandible_sharpness;
+      support_sharpness;  ///< per vertex of M, 0 smooth to 1: convex tips narrower than the grid
+  std::vector<double> opposing_sharpness;
   OcclusalMap level;
   GridShape coarse;
   int refinement = 3;  ///< fine voxels per coarse spacing
   std::vector<std::string> warnings;
+
+  /// The solid whose surface is S_occ, in MI.
+  const MeshQuery& stamp_source() const { return given_stamp ? *given_stamp : support; }
 };
 
 Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters);

@@ -118,17 +118,17 @@ std::vector<std::uint32_t> triangles_at(const TriangleMesh& mesh, const std::vec
 }
 
 /// Rounds of pushing until nothing is deeper than the tolerance; the mesh may cross itself afterwards.
-void press(TriangleMesh& splint, const MeshQuery& maxilla, const MeshQuery& mandible, double tolerance_mm,
+void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& opposing, double tolerance_mm,
            std::vector<std::uint32_t> todo) {
   bool pierced = true;
   for (int round = 0; round < kRounds && (pierced || !todo.empty()); ++round) {
     std::vector<Push> pushes(splint.vertices_mm.size());
-    for (const MeshQuery* jaw : {&maxilla, &mandible})
+    for (const MeshQuery* jaw : {&support, &opposing})
       push_triangles(splint, todo, *jaw, tolerance_mm, pushes);
     if (pierced) {
       const MeshQuery query(splint);
       pierced = false;
-      for (const MeshQuery* jaw : {&maxilla, &mandible})
+      for (const MeshQuery* jaw : {&support, &opposing})
         pierced = push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes) || pierced;
     }
     std::vector<char> moved(pushes.size(), 0);
@@ -149,7 +149,7 @@ void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double t
   std::vector<std::uint32_t> todo = triangles_at(splint, near);
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     const std::vector<Vector3> sound = splint.vertices_mm;
-    press(splint, field.preparation().maxilla, field.preparation().mandible, tolerance_mm, std::move(todo));
+    press(splint, field.preparation().support, field.preparation().opposing, tolerance_mm, std::move(todo));
     if (!take_back_crossings(splint, sound)) return;
     std::vector<char> moved(sound.size());
     for (std::size_t v = 0; v < sound.size(); ++v) moved[v] = splint.vertices_mm[v] != sound[v];

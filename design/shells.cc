@@ -11,30 +11,30 @@ constexpr double kLipMm = 0.5;  // how far the rim may stand beyond the wall acr
 constexpr double kOutlineBandMm = 8.0;
 }  // namespace
 
-CoarseGrid distance_from_rim_outline(const CoarseGrid& maxilla_swept, const OcclusalMap& level,
+CoarseGrid distance_from_rim_outline(const CoarseGrid& support_swept, const OcclusalMap& level,
                                      const SplintParameters& p) {
-  GridShape flat = maxilla_swept.shape();
+  GridShape flat = support_swept.shape();
   flat.nodes.z() = 2;
   CoarseGrid at_rim(flat, 0.0f);
   for (int i = 0; i < flat.nodes.x(); ++i)
     for (int j = 0; j < flat.nodes.y(); ++j) {
       Vector3 q = flat.position(i, j, 0);
       q.z() = level.level_mm(q) + p.depth_mm;
-      at_rim.at(i, j, 0) = at_rim.at(i, j, 1) = static_cast<float>(maxilla_swept.linear(q));
+      at_rim.at(i, j, 0) = at_rim.at(i, j, 1) = static_cast<float>(support_swept.linear(q));
     }
   return redistanced(at_rim, kOutlineBandMm);
 }
 
-CoarseGrid outer_shell(const CoarseGrid& maxilla_swept, const CoarseGrid& outline_distance,
+CoarseGrid outer_shell(const CoarseGrid& support_swept, const CoarseGrid& outline_distance,
                        const SplintParameters& p) {
-  const GridShape& shape = maxilla_swept.shape();
+  const GridShape& shape = support_swept.shape();
   const double wall = p.wall_mm + p.gap_mm + kSmoothingErrorMm;
   // M ⊕ R_a moved away from the gingiva by the extra occlusal thickness: walls stay, biting surfaces gain.
   const double extra = std::max(0.0, p.occlusal_thickness_mm - p.wall_mm) / shape.spacing_mm;
-  CoarseGrid shell = maxilla_swept;
+  CoarseGrid shell = support_swept;
   for (int i = 0; i < shape.nodes.x(); ++i)
     for (int j = 0; j < shape.nodes.y(); ++j) {
-      const float* swept = maxilla_swept.column(i, j);
+      const float* swept = support_swept.column(i, j);
       float* out = shell.column(i, j);
       const int last = shape.nodes.z() - 1;
       for (int k = 0; k <= last; ++k) {

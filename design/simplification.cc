@@ -48,8 +48,8 @@ void protect_tips(const TriangleMesh& jaw, const std::vector<double>& sharpness,
 TriangleMesh simplified(const TriangleMesh& mesh, const SplintField& field) {
   const Preparation& preparation = field.preparation();
   ProtectedCells kept(preparation.coarse);
-  protect_tips(preparation.maxilla.mesh(), preparation.maxilla_sharpness, kept);
-  protect_tips(preparation.mandible.mesh(), preparation.mandible_sharpness, kept);
+  protect_tips(preparation.support.mesh(), preparation.support_sharpness, kept);
+  protect_tips(preparation.opposing.mesh(), preparation.opposing_sharpness, kept);
   AdaptiveMeshOptions options;
   options.tolerance_mm = [&](const Vector3& p) {
     if (kept.holds(p)) return 0.0;

@@ -60,13 +60,13 @@ void warn_of_pieces(const LargestPiece& pieces, std::vector<std::string>& warnin
 void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
                   SplintDesign& design) {
   const Rigid3 dental = preparation.design_from_dental.inverse();
-  design.mandible_tp = transformed(inputs.therapeutic.rigid, inputs.mandible_mi);
+  design.opposing_tp = transformed(inputs.opposing_motion(), inputs.opposing_mi());
   const TriangleMesh occlusal =
       inputs.occlusal_surface
           ? *inputs.occlusal_surface
-          : region_mesh(inputs.maxilla, crown_region(inputs.maxilla, preparation.arch, Arch::kMaxilla,
-                                                     design.parameters.stamp_height_mm));
-  design.occlusal_surface_tp = transformed(inputs.therapeutic.rigid, occlusal);
+          : region_mesh(inputs.support(), crown_region(inputs.support(), preparation.arch, inputs.arch,
+                                                       design.parameters.stamp_height_mm));
+  design.occlusal_surface_tp = transformed(inputs.opposing_motion(), occlusal);
   design.cavity = transformed(dental, splint.region({SurfacePart::kCavity}));
   design.outer =
       transformed(dental, splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint}));
@@ -86,15 +86,14 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
   GNATHION_CHECK_OK(check_parameters(parameters));
   SplintDesign design;
   design.parameters = parameters;
+  design.worn_on = inputs.arch;
   {
     Steps steps(progress, design.timing_s);
     steps.begin("preparation", 0.1);
     GNATHION_TRY(const Preparation preparation, prepare(inputs, parameters));
     design.arch = preparation.arch;
+    design.insertion = preparation.insertion;
     design.warnings = preparation.warnings;
-    if (inputs.occlusal_surface)
-      design.warnings.push_back(
-          "the given occlusal surface is shown only: the stamp is taken from the maxilla");
 
     steps.begin("shells and stamp", 0.25);
     const SplintField field(preparation, parameters);
@@ -116,10 +115,10 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     double side_wall_p01_mm = 0.0;
     verify_topology(splint, design.verification);
     verify_walls(splint, field, design.verification, &side_wall_p01_mm);
-    verify_fit(splint, preparation, design.verification);
+    verify_fit(splint, preparation, inputs.arch, design.verification);
     verify_contacts(inputs, splint, preparation, design.verification);
     design.verification.apertures = found_apertures(
-        field, inputs.maxilla, assign_teeth(inputs.maxilla, preparation.arch, Arch::kMaxilla));
+        field, inputs.support(), assign_teeth(inputs.support(), preparation.arch, inputs.arch), inputs.arch);
     const Rigid3 dental = preparation.design_from_dental.inverse();
     design.verification.thickness.where_mm = dental * design.verification.thickness.where_mm;
     judge(design, side_wall_p01_mm);

@@ -20,11 +20,22 @@ namespace gnathion {
 
 /// All in Dental, both jaws in MI as scanned. The mandible arrives in MI (a caller with the mandible in
 /// TP applies T_th⁻¹ first).
+///
+/// The arch that wears the splint is the support, the other one opposes it. On the maxilla the opposing arch
+/// in TP is T_th·L0; on the mandible, which stays in MI, it is T_th⁻¹·U0.
 struct SplintInputs {
   TriangleMesh maxilla, mandible_mi;
   Motion<Dental> therapeutic;  ///< T_th: L1 = T_th · L0
-  /// S_occ for pictures. The stamp itself is taken from the maxilla; a warning says so.
-  std::optional<TriangleMesh> occlusal_surface;
+  /// S_occ of the support, open or closed, where it lies in MI; else the support's crowns are taken.
+  std::optional<TriangleMesh> occlusal_surface = {};
+  Arch arch = Arch::kMaxilla;  ///< that wears the splint
+
+  bool on_maxilla() const { return arch == Arch::kMaxilla; }
+  const TriangleMesh& support() const { return on_maxilla() ? maxilla : mandible_mi; }
+  const TriangleMesh& opposing_mi() const { return on_maxilla() ? mandible_mi : maxilla; }
+  Arch opposing_arch() const { return on_maxilla() ? Arch::kMandible : Arch::kMaxilla; }
+  /// The opposing arch's motion from MI to TP, with the support at rest; S_occ goes with it.
+  Rigid3 opposing_motion() const { return on_maxilla() ? therapeutic.rigid : therapeutic.rigid.inverse(); }
 };
 
 /// Wall-clock seconds of one named stage, in order.
@@ -40,9 +51,11 @@ struct SplintDesign {
   std::vector<std::string> warnings;
   StageTimes timing_s;
   ArchFrame arch;
+  Arch worn_on = Arch::kMaxilla;
+  Insertion insertion;  ///< direction in Dental
   /// For pictures and profiles, in Dental.
-  TriangleMesh mandible_tp;          ///< L_TP
-  TriangleMesh occlusal_surface_tp;  ///< T_th · S_occ
+  TriangleMesh opposing_tp;          ///< L_TP; T_th⁻¹·U0 over a mandibular splint
+  TriangleMesh occlusal_surface_tp;  ///< S_occ carried likewise
   TriangleMesh cavity;               ///< inner surface, down to the rim
   TriangleMesh outer;                ///< outer surface with the imprint
 };

@@ -18,14 +18,14 @@ constexpr double kBandMm = 2.4;      // of coarse distances: wall, occlusal thic
 constexpr double kEstimateMm = 0.3;  // estimates are never worse than this
 constexpr double kReachMm = 1.5;     // of exact queries; farther distances do not matter
 constexpr double kSweepStartMm =
-    0.6;  // the coarse sweep of the mandible leaves its own surface to exact distances
+    0.6;  // the coarse sweep of the opposing arch leaves its own surface to exact distances
 constexpr double kSweepErrorMm = 0.05;
-constexpr double kStampNearMm = 0.6;   // up to here from the mandible the stamp is exact ...
+constexpr double kStampNearMm = 0.6;   // up to here from the opposing arch the stamp is exact ...
 constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body beyond it
 constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
 constexpr double kStampTopMm = 1.0;
-constexpr double kTipGapVoxels = 0.5;       // room at tips of the maxilla that are narrower than the grid
-constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the mandible
+constexpr double kTipGapVoxels = 0.5;       // room at tips of the support that are narrower than the grid
+constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the opposing arch
 constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.5;  // what triangles may take from the thinnest wall
@@ -63,56 +63,56 @@ CoarseGrid looked_up(const CoarseGrid& f, int steps) {
 }  // namespace
 
 struct SplintField::Ingredients {
-  double maxilla = 0.0;  // φ_M
+  double support = 0.0;  // φ_M
   double gap = 0.0;      // g at the closest point
-  double maxilla_swept = 0.0;
+  double support_swept = 0.0;
   double cavity_closed = 0.0;
   double stamp = 0.0;     // φ of T_th M
-  double mandible = 0.0;  // φ of L_TP
-  double mandible_swept = 0.0;
+  double opposing = 0.0;  // φ of L_TP
+  double opposing_swept = 0.0;
   double body = 0.0;
 };
 
 SplintField::SplintField(const Preparation& preparation, const SplintParameters& parameters)
-    : prep_(preparation), par_(parameters), natural_from_tp_(preparation.therapeutic.inverse()) {
+    : prep_(preparation), par_(parameters), natural_from_tp_(preparation.tp_from_mi.inverse()) {
   sample_distances();
   build_shapes();
 }
 
 void SplintField::sample_distances() {
   tbb::parallel_invoke(
-      [&] { maxilla_ = sampled_distance(prep_.coarse, prep_.maxilla, {}, kBandMm, OutsideEnd::kBottom); },
+      [&] { support_ = sampled_distance(prep_.coarse, prep_.support, {}, kBandMm, OutsideEnd::kBottom); },
       [&] {
-        stamp_ =
-            sampled_distance(prep_.coarse, prep_.maxilla, natural_from_tp_, kBandMm, OutsideEnd::kBottom);
+        stamp_ = sampled_distance(prep_.coarse, prep_.stamp_source(), natural_from_tp_, kBandMm,
+                                  OutsideEnd::kBottom);
       },
-      [&] { mandible_ = sampled_distance(prep_.coarse, prep_.mandible, {}, kBandMm, OutsideEnd::kTop); });
-  maxilla_swept_ = swept_up(maxilla_);
+      [&] { opposing_ = sampled_distance(prep_.coarse, prep_.opposing, {}, kBandMm, OutsideEnd::kTop); });
+  support_swept_ = swept_up(support_);
   const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep_.coarse.spacing_mm)));
-  mandible_swept_ = looked_up(swept_down(mandible_), steps);
+  opposing_swept_ = looked_up(swept_down(opposing_), steps);
 }
 
 void SplintField::build_shapes() {
   tbb::parallel_invoke(
-      [&] { cavity_closed_ = without_embrasures(coarse_cavity(maxilla_, maxilla_swept_, par_), par_); },
+      [&] { cavity_closed_ = without_embrasures(coarse_cavity(support_, support_swept_, par_), par_); },
       [&] {
-        const CoarseGrid outline = distance_from_rim_outline(maxilla_swept_, prep_.level, par_);
-        const CoarseGrid shell = outer_shell(maxilla_swept_, outline, par_);
-        body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), mandible_, par_);
+        const CoarseGrid outline = distance_from_rim_outline(support_swept_, prep_.level, par_);
+        const CoarseGrid shell = outer_shell(support_swept_, outline, par_);
+        body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), opposing_, par_);
       });
 }
 
 bool SplintField::near_jaw(const Vector3& p, double distance_mm) const {
   const GridCell cell = located(prep_.coarse, p);
-  return std::min(maxilla_.linear(cell), mandible_.linear(cell)) < distance_mm + kEstimateMm;
+  return std::min(support_.linear(cell), opposing_.linear(cell)) < distance_mm + kEstimateMm;
 }
 
 double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
-  const Triangle& t = prep_.maxilla.mesh().triangles[closest.triangle];
+  const Triangle& t = prep_.support.mesh().triangles[closest.triangle];
   Vector3 normal = Vector3::Zero();
   for (std::size_t k = 0; k < 3; ++k)
-    normal += closest.barycentric[static_cast<int>(k)] * prep_.maxilla_normals[t[k]];
-  const double sharp = sharpness_at(prep_.maxilla.mesh(), prep_.maxilla_sharpness, closest);
+    normal += closest.barycentric[static_cast<int>(k)] * prep_.support_normals[t[k]];
+  const double sharp = sharpness_at(prep_.support.mesh(), prep_.support_sharpness, closest);
   const double cosine = normal.norm() > 1e-9 ? -normal.normalized().z() : 0.0;
   const double stop = std::cos(par_.stop_angle_deg * M_PI / 180.0);
   const double full = std::cos(std::max(kFullGapDeg, par_.stop_angle_deg + 10.0) * M_PI / 180.0);
@@ -124,13 +124,13 @@ double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
 SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   Ingredients in;
   const GridCell cell = located(prep_.coarse, p);
-  in.maxilla = maxilla_.linear(cell);
+  in.support = support_.linear(cell);
   in.gap = 0.5 * (par_.gap_mm + par_.stop_gap_mm);
-  in.maxilla_swept = maxilla_swept_.linear(cell);
+  in.support_swept = support_swept_.linear(cell);
   in.cavity_closed = cavity_closed_.linear(cell);
   in.stamp = stamp_.linear(cell);
-  in.mandible = mandible_.linear(cell);
-  in.mandible_swept = mandible_swept_.linear(cell);
+  in.opposing = opposing_.linear(cell);
+  in.opposing_swept = opposing_swept_.linear(cell);
   in.body = body_.linear(cell);
   return in;
 }
@@ -138,18 +138,20 @@ SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
 FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   FieldTerms f;
   // Cavity = (M ⊕ B_g) ∪ ((M ⊕ R_a) ⊖ D_r), embrasures closed.
-  f.cavity = std::min({in.maxilla - in.gap, in.maxilla_swept + par_.engagement_mm, in.cavity_closed});
-  // What the mandible takes: itself and its way down; within o of it all but the natural relief T_th S_occ.
-  const double mandible = std::min(in.mandible, in.mandible_swept + kSweepErrorMm);
-  const double relief = std::max(mandible - par_.occlusion_clearance_mm, -in.stamp);
-  f.cut = std::min(mandible, relief);
-  // The exact stamp near the mandible, sinking into the smooth body away from it.
+  f.cavity = std::min({in.support - in.gap, in.support_swept + par_.engagement_mm, in.cavity_closed});
+  // What the opposing arch takes: itself and its way down; within o of it all but the natural relief T_th
+  // S_occ.
+  const double opposing = std::min(in.opposing, in.opposing_swept + kSweepErrorMm);
+  const double relief = std::max(opposing - par_.occlusion_clearance_mm, -in.stamp);
+  f.cut = std::min(opposing, relief);
+  // The exact stamp near the opposing arch, sinking into the smooth body away from it.
   const Vector3 natural = natural_from_tp_ * p;
-  const double top = natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
-  const double stamp = in.stamp + kStampFade * std::max(0.0, in.mandible - kStampNearMm) +
+  const double top =
+      prep_.given_stamp ? -kStampTopMm : natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
+  const double stamp = in.stamp + kStampFade * std::max(0.0, in.opposing - kStampNearMm) +
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
-  f.body_by_stamp = stamp < in.body + kEstimateMm && in.mandible < kStampNearMm + 1.0;
+  f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
   f.rim = std::max(p.z() - (prep_.level.level_mm(p) + par_.depth_mm), behind);
@@ -195,7 +197,7 @@ struct Asked {
 
 void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>& values) const {
   std::vector<Ingredients> in(points.size());
-  Asked maxilla, mandible, stamp;
+  Asked support, opposing, stamp;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Vector3& p = points[i];
     in[i] = interpolated(p);
@@ -204,22 +206,23 @@ void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>&
     const double film_mm = rough.cavity + rough.cut - par_.aperture_limit_mm;
     const bool film =
         std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
-    if (std::abs(rough.cavity) < kEstimateMm || film) maxilla.add(p, in[i].maxilla, i);
+    if (std::abs(rough.cavity) < kEstimateMm || film) support.add(p, in[i].support, i);
     if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
-      mandible.add(p, in[i].mandible, i);
+      opposing.add(p, in[i].opposing, i);
       stamp.add(natural_from_tp_ * p, in[i].stamp, i);
     }
   }
-  maxilla.measure(prep_.maxilla, [&](std::size_t i, const SignedDistance& d) {
-    in[i].maxilla = d.distance_mm;
+  support.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
+    in[i].support = d.distance_mm;
     in[i].gap = seat_gap_mm(d.closest);
   });
-  mandible.measure(prep_.mandible, [&](std::size_t i, const SignedDistance& d) {
-    in[i].mandible =
+  opposing.measure(prep_.opposing, [&](std::size_t i, const SignedDistance& d) {
+    in[i].opposing =
         d.distance_mm - kImprintTipVoxels * par_.voxel_mm *
-                            sharpness_at(prep_.mandible.mesh(), prep_.mandible_sharpness, d.closest);
+                            sharpness_at(prep_.opposing.mesh(), prep_.opposing_sharpness, d.closest);
   });
-  stamp.measure(prep_.maxilla, [&](std::size_t i, const SignedDistance& d) { in[i].stamp = d.distance_mm; });
+  stamp.measure(prep_.stamp_source(),
+                [&](std::size_t i, const SignedDistance& d) { in[i].stamp = d.distance_mm; });
   for (std::size_t i = 0; i < points.size(); ++i) values[i] = compose(points[i], in[i]).value;
 }
 

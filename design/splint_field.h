@@ -16,7 +16,7 @@ enum class SurfacePart : std::uint8_t { kCavity, kOuter, kStamp, kImprint, kAper
 struct FieldTerms {
   double body = 0.0;           ///< shell with stamp
   double cavity = 0.0;         ///< C, distance from the cavity
-  double cut = 0.0;            ///< K, distance from what the mandible takes away
+  double cut = 0.0;            ///< K, distance from what the opposing arch takes away
   double rim = 0.0;            ///< height over the cutting surface
   double value = 0.0;          ///< the splint
   bool body_by_stamp = false;  ///< the exact stamp may shape the body here
@@ -50,12 +50,12 @@ class SplintField {
   const Preparation& prep_;
   const SplintParameters& par_;
   Rigid3 natural_from_tp_;     ///< T_th⁻¹
-  CoarseGrid maxilla_;         ///< φ_M
-  CoarseGrid maxilla_swept_;   ///< M ⊕ R_a
+  CoarseGrid support_;         ///< φ_M
+  CoarseGrid support_swept_;   ///< M ⊕ R_a
   CoarseGrid cavity_closed_;   ///< cavity with embrasures closed
   CoarseGrid stamp_;           ///< φ of T_th M
-  CoarseGrid mandible_;        ///< φ of L_TP
-  CoarseGrid mandible_swept_;  ///< L_TP and its way down, but for the last kSweepStart
+  CoarseGrid opposing_;        ///< φ of L_TP
+  CoarseGrid opposing_swept_;  ///< L_TP and its way down, but for the last kSweepStart
   CoarseGrid body_;            ///< shell, stamp and fillets, smooth
 };
 

@@ -1,4 +1,5 @@
-// The digital stamp: the maxilla's occlusal surface carried to TP, and the body between it and the shell.
+// The digital stamp: the occlusal surface of the arch that wears the splint, carried to TP, and the body
+// between it and the shell.
 #pragma once
 
 #include "design/coarse_grid.h"
@@ -6,14 +7,15 @@
 
 namespace gnathion {
 
-/// The crowns' tops of T_th·M (down to stamp_height from the local occlusal level), filled towards the
-/// gingiva with drafted side walls. `stamp` is the distance to T_th·M.
+/// The crowns' tops of M carried to TP (down to stamp_height from the local occlusal level), or all of a
+/// given S_occ, filled towards the gingiva with drafted side walls. `stamp` is the distance to the carried
+/// solid.
 CoarseGrid stamp_body(const CoarseGrid& stamp, const Preparation& preparation, const SplintParameters& p);
 
 /// Shell and stamp joined: concave corners on the sides get fillets, so that no shelf catches cheek or
-/// tongue; towards the mandible the joint rises no more than the imprint depth over the stamp. `mandible` is
-/// the distance to L_TP.
-CoarseGrid joined_body(const CoarseGrid& shell, const CoarseGrid& stamp, const CoarseGrid& mandible,
+/// tongue; towards the opposing arch the joint rises no more than the imprint depth over the stamp.
+/// `opposing` is the distance to L_TP.
+CoarseGrid joined_body(const CoarseGrid& shell, const CoarseGrid& stamp, const CoarseGrid& opposing,
                        const SplintParameters& p);
 
 }  // namespace gnathion

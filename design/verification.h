@@ -15,14 +15,22 @@
 
 namespace gnathion {
 
+/// Along which the splint goes on, and what is in its way.
+struct Insertion {
+  Vector3 direction = Vector3::UnitZ();  ///< a: unit, towards the gingiva of the arch that wears the splint
+  double tilt_deg = 0.0;                 ///< from the occlusal normal
+  double undercut_mm3 = 0.0;             ///< of the crowns down to the cutting surface, blocked out but for r
+  double undercut_at_normal_mm3 = 0.0;   ///< the same along the occlusal normal
+};
+
 struct Aperture {
   double area_mm2 = 0.0;
   Vector3 centre_mm = Vector3::Zero();  ///< Dental
-  std::vector<std::uint8_t> teeth;      ///< FDI numbers of the maxilla, where known
+  std::vector<std::uint8_t> teeth;      ///< FDI numbers of the arch that wears the splint, where known
   std::string cause;
 };
 
-/// The splint and the maxilla settled against each other as rigid bodies (Dental).
+/// The splint and its arch settled against each other as rigid bodies (Dental).
 struct PredictedSeating {
   double alpha_deg = 0.0;
   double t_mm = 0.0;          ///< displacement of the arch's centroid
@@ -41,17 +49,18 @@ struct SplintVerification {
   double thin_under_contact_mm2 = 0.0;  ///< biting surface with less than w (but at least w_a) behind it
   struct SeatGap {
     double min_mm = 0.0, median_mm = 0.0, max_mm = 0.0;
-  } seat_gap;                             ///< from the cavity's surface to the maxilla
-  double maxilla_penetration_mm = 0.0;    ///< deepest, either surface inside the other
-  double mandible_penetration_mm = 0.0;   ///< the same for the mandible in TP
-  Contacts contacts;                      ///< of the mandible in TP with the splint, gap <= 0.05 mm
-  double natural_contact_area_mm2 = 0.0;  ///< of the mandible in MI with the maxilla, same limit
+  } seat_gap;                           ///< from the cavity's surface to the teeth
+  double maxilla_penetration_mm = 0.0;  ///< deepest, either surface inside the other; jaws in TP
+  double mandible_penetration_mm = 0.0;
+  Contacts contacts;                      ///< of the opposing arch in TP with the splint, gap <= 0.05 mm
+  double natural_contact_area_mm2 = 0.0;  ///< of the opposing arch in MI with S_occ, same limit
   double kept_fraction = 0.0;             ///< part of the natural contact area that the splint keeps
   struct SurfaceError {
     double mean_abs_mm = 0.0, p99_mm = 0.0, max_mm = 0.0;
     std::size_t samples = 0;
-  } contact_surface_error;  ///< of the splint against (T_th S_occ) less L_TP, within the contacts
+  } contact_surface_error;  ///< of the splint against S_occ in TP less the opposing arch, within the contacts
   std::vector<Aperture> apertures;
+  double retention_area_mm2 = 0.0;  ///< of the cavity's surface below the height of contour
   std::optional<PredictedSeating> predicted_seating;
 };
 

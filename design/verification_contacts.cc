@@ -22,31 +22,31 @@ double kept_fraction(const Contacts& natural, const Rigid3& design_tp_from_denta
   return total > 0.0 ? sum / total : 0.0;
 }
 
-/// How far a point of the splint near the mandible is from the surface of (T_th M) less L_TP.
-double contact_error(double stamp_mm, double mandible_mm) {
-  const double outside = std::max(stamp_mm, -mandible_mm);
-  return outside > 0.0 ? outside : std::min(-stamp_mm, mandible_mm);
+/// How far a point of the splint near the opposing arch is from the surface of S_occ in TP less that arch.
+double contact_error(double stamp_mm, double opposing_mm) {
+  const double outside = std::max(stamp_mm, -opposing_mm);
+  return outside > 0.0 ? outside : std::min(-stamp_mm, opposing_mm);
 }
 
 void measure_contact_surface(const FinishedSplint& splint, const Preparation& preparation,
                              SplintVerification& out) {
-  const Rigid3 natural_from_tp = preparation.therapeutic.inverse();
+  const Rigid3 natural_from_tp = preparation.tp_from_mi.inverse();
   std::vector<Vector3> biting, natural;
   for (std::size_t v = 0; v < splint.parts.size(); ++v)
     if (splint.parts[v] == SurfacePart::kImprint || splint.parts[v] == SurfacePart::kStamp)
       biting.push_back(splint.mesh().vertices_mm[v]);
-  const std::vector<ClosestHit> mandible = closest_points(preparation.mandible, biting, kContactMm);
-  std::vector<double> to_mandible;
+  const std::vector<ClosestHit> opposing = closest_points(preparation.opposing, biting, kContactMm);
+  std::vector<double> to_opposing;
   for (std::size_t i = 0; i < biting.size(); ++i) {
-    if (mandible[i].triangle == ClosestHit::kNoTriangle) continue;
+    if (opposing[i].triangle == ClosestHit::kNoTriangle) continue;
     natural.push_back(natural_from_tp * biting[i]);
-    to_mandible.push_back(mandible[i].distance_mm);
+    to_opposing.push_back(opposing[i].distance_mm);
   }
-  const std::vector<ClosestHit> stamp = closest_points(preparation.maxilla, natural, 1.0);
+  const std::vector<ClosestHit> stamp = closest_points(preparation.stamp_source(), natural, 1.0);
   std::vector<double> error;
   for (std::size_t i = 0; i < natural.size(); ++i) {
     const bool near = stamp[i].triangle != ClosestHit::kNoTriangle;
-    error.push_back(std::abs(contact_error(near ? stamp[i].distance_mm : 1.0, to_mandible[i])));
+    error.push_back(std::abs(contact_error(near ? stamp[i].distance_mm : 1.0, to_opposing[i])));
   }
   if (error.empty()) return;
   std::sort(error.begin(), error.end());
@@ -60,15 +60,17 @@ void measure_contact_surface(const FinishedSplint& splint, const Preparation& pr
 
 void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
                      SplintVerification& out) {
-  const std::vector<std::uint8_t> fdi = assign_teeth(inputs.mandible_mi, preparation.arch, Arch::kMandible);
-  const Vector3 down = -preparation.arch.up;
-  const MeshQuery maxilla(inputs.maxilla);
+  const TriangleMesh& opposing = inputs.opposing_mi();
+  const std::vector<std::uint8_t> fdi = assign_teeth(opposing, preparation.arch, inputs.opposing_arch());
+  const Vector3 away = -preparation.arch.gingival(inputs.arch);
+  const Rigid3 dental = preparation.design_from_dental.inverse();
+  const MeshQuery natural_surface(
+      inputs.occlusal_surface ? transformed(dental, preparation.stamp_source().mesh()) : inputs.support());
   const Contacts natural =
-      find_contacts(inputs.mandible_mi, fdi, Rigid3::identity(), maxilla, down, preparation.arch, kContactMm);
-  const Rigid3 tp = inputs.therapeutic.rigid;
-  const MeshQuery splint_dental(transformed(preparation.design_from_dental.inverse(), splint.mesh()));
-  out.contacts =
-      find_contacts(inputs.mandible_mi, fdi, tp, splint_dental, down, preparation.arch, kContactMm);
+      find_contacts(opposing, fdi, Rigid3::identity(), natural_surface, away, preparation.arch, kContactMm);
+  const Rigid3 tp = inputs.opposing_motion();
+  const MeshQuery splint_dental(transformed(dental, splint.mesh()));
+  out.contacts = find_contacts(opposing, fdi, tp, splint_dental, away, preparation.arch, kContactMm);
   out.natural_contact_area_mm2 = natural.area_mm2;
   out.kept_fraction = kept_fraction(natural, preparation.design_from_dental * tp, splint.query);
   measure_contact_surface(splint, preparation, out);

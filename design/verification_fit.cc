@@ -8,7 +8,8 @@ namespace gnathion {
 namespace {
 
 constexpr double kStepMm = 0.2;
-constexpr double kReachMm = 0.2;  // a surface that goes deeper passes through this depth on its way
+constexpr double kRetentive = 0.05;  // of the normal's length along a: steeper than 3°
+constexpr double kReachMm = 0.2;     // a surface that goes deeper passes through this depth on its way
 
 /// Deepest of the points inside the solid.
 double deepest(const std::vector<Vector3>& points, const MeshQuery& solid) {
@@ -35,19 +36,36 @@ std::vector<Vector3> within(const TriangleMesh& jaw, const Box& box) {
 
 }  // namespace
 
-void verify_fit(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out) {
+namespace {
+/// Area of the cavity that looks away from the gingiva: below the height of contour, where it holds.
+double retention_area_mm2(const FinishedSplint& splint) {
+  const TriangleMesh cavity = splint.region({SurfacePart::kCavity});
+  double area = 0.0;
+  for (std::size_t t = 0; t < cavity.triangles.size(); ++t) {
+    const Vector3 scaled = face_normal_scaled(cavity, t);
+    if (scaled.z() < -kRetentive * scaled.norm()) area += 0.5 * scaled.norm();
+  }
+  return area;
+}
+}  // namespace
+
+void verify_fit(const FinishedSplint& splint, const Preparation& preparation, Arch arch,
+                SplintVerification& out) {
   const Box box = bounding_box(splint.mesh());
   const std::vector<Vector3> points = points_on(splint.mesh());
-  out.maxilla_penetration_mm = std::max(deepest(points, preparation.maxilla),
-                                        deepest(within(preparation.maxilla.mesh(), box), splint.query));
-  out.mandible_penetration_mm = std::max(deepest(points, preparation.mandible),
-                                         deepest(within(preparation.mandible.mesh(), box), splint.query));
+  const auto penetration = [&](const MeshQuery& jaw) {
+    return std::max(deepest(points, jaw), deepest(within(jaw.mesh(), box), splint.query));
+  };
+  const bool upper = arch == Arch::kMaxilla;
+  out.maxilla_penetration_mm = penetration(upper ? preparation.support : preparation.opposing);
+  out.mandible_penetration_mm = penetration(upper ? preparation.opposing : preparation.support);
+  out.retention_area_mm2 = retention_area_mm2(splint);
 
   std::vector<Vector3> cavity;
   for (std::size_t v = 0; v < splint.parts.size(); ++v)
     if (splint.parts[v] == SurfacePart::kCavity) cavity.push_back(splint.mesh().vertices_mm[v]);
   std::vector<double> gaps;
-  for (const ClosestHit& hit : closest_points(preparation.maxilla, cavity))
+  for (const ClosestHit& hit : closest_points(preparation.support, cavity))
     gaps.push_back(std::max(0.0, hit.distance_mm));
   if (gaps.empty()) return;
   std::sort(gaps.begin(), gaps.end());

@@ -24,15 +24,19 @@ void verify_topology(const FinishedSplint& splint, SplintVerification& out);
 void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
                   double* side_wall_p01_mm);
 
-/// Gap to the maxilla and penetration of both jaws.
-void verify_fit(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out);
+/// Gap to the teeth, penetration of both jaws, and what of the cavity holds below the height of contour.
+/// `arch` wears the splint.
+void verify_fit(const FinishedSplint& splint, const Preparation& preparation, Arch arch,
+                SplintVerification& out);
 
-/// Contacts of the mandible in TP, compared with the natural ones in MI, and the contact surface's error.
+/// Contacts of the opposing arch in TP, compared with the natural ones in MI, and the contact surface's
+/// error.
 void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
                      SplintVerification& out);
 
-/// Apertures, from the film between cavity and mandible on the coarse grid.
-std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& maxilla_dental,
-                                      const std::vector<std::uint8_t>& maxilla_fdi);
+/// Apertures, from the film between cavity and opposing arch on the coarse grid. `support_dental` wears the
+/// splint.
+std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& support_dental,
+                                      const std::vector<std::uint8_t>& support_fdi, Arch arch);
 
 }  // namespace gnathion

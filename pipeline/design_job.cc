@@ -49,6 +49,7 @@ Status write_splint(const SplintDesign& design, const DesignInputs& inputs, cons
 
 Result<DesignInputs> read_design_inputs(const DesignJob& job) {
   DesignInputs in;
+  in.splint.arch = job.arch;
   GNATHION_TRY(in.splint.maxilla, read_jaw(job.maxilla));
   GNATHION_TRY(in.splint.mandible_mi, read_jaw(job.mandible));
   GNATHION_TRY(in.motion, read_motion(job.transform));

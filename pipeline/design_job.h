@@ -18,7 +18,8 @@ namespace gnathion {
 
 struct DesignJob {
   std::filesystem::path maxilla, mandible, transform;
-  std::filesystem::path occlusal_surface;  ///< empty: found from the maxilla
+  std::filesystem::path occlusal_surface;  ///< of the arch that wears the splint; empty: its crowns
+  Arch arch = Arch::kMaxilla;              ///< that wears the splint
   bool mandible_is_in_tp = false;          ///< the file has the mandible in TP already
   SplintParameters parameters;
   bool pictures = true;

@@ -18,24 +18,27 @@ Status draw_scenes(const SplintInputs& in, const SplintDesign& d, const fs::path
     m.color = color;
     return m;
   };
-  const SceneMesh maxilla = item(in.maxilla, palette::kToothIvory);
-  const SceneMesh mandible = item(d.mandible_tp, palette::kMandibleIvory);
+  const bool upper = in.on_maxilla();
+  const SceneMesh support = item(in.support(), upper ? palette::kToothIvory : palette::kMandibleIvory);
+  const SceneMesh opposing = item(d.opposing_tp, upper ? palette::kMandibleIvory : palette::kToothIvory);
   const SceneMesh splint = item(d.splint, palette::kSplintClear);
   SceneMesh clear = splint;
   clear.opacity = 0.55;
-  const Vector3 from_below = -f.up;
+  const Vector3 gingival = f.gingival(in.arch);
   const Vector3 oblique = f.anterior + 0.75 * f.left - 0.35 * f.up;
   PictureOptions o;
-  o.title = "Splint on the maxilla, from the occlusal side";
-  GNATHION_CHECK_OK(render_scene(folder / "splint_on_maxilla.png", {maxilla, splint}, {},
-                                 view_from(from_below, f.anterior), o));
+  const std::string jaw = upper ? "maxilla" : "mandible";
+  o.title = "Splint on the " + jaw + ", from the occlusal side";
+  GNATHION_CHECK_OK(render_scene(folder / ("splint_on_" + jaw + ".png"), {support, splint}, {},
+                                 view_from(-gingival, f.anterior), o));
   o.title = "Splint, its cavity side";
-  GNATHION_CHECK_OK(render_scene(folder / "splint_cavity.png", {splint}, {}, view_from(f.up, f.anterior), o));
+  GNATHION_CHECK_OK(
+      render_scene(folder / "splint_cavity.png", {splint}, {}, view_from(gingival, f.anterior), o));
   o.title = "Jaws in the therapeutic position with the splint, from the left front";
   GNATHION_CHECK_OK(
-      render_scene(folder / "jaws_in_tp.png", {maxilla, mandible, clear}, {}, view_from(oblique, f.up), o));
+      render_scene(folder / "jaws_in_tp.png", {support, opposing, clear}, {}, view_from(oblique, f.up), o));
   o.title = "Jaws in the therapeutic position with the splint, from the right";
-  return render_scene(folder / "jaws_in_tp_right.png", {maxilla, mandible, clear}, {},
+  return render_scene(folder / "jaws_in_tp_right.png", {support, opposing, clear}, {},
                       view_from(-f.left, f.up), o);
 }
 
@@ -47,10 +50,13 @@ PlotCurve curve_of(const char* name, const Color& color, double width_px, const 
 Status draw_section(const SplintInputs& in, const SplintDesign& d, double s_mm, const std::string& name,
                     const std::string& title, const fs::path& folder) {
   const SectionPlane plane = arch_section(d.arch, s_mm);
+  const bool upper = in.on_maxilla();
   const std::vector<PlotCurve> curves = {
       curve_of("splint", palette::kSplint, 5.0, d.splint, plane),
-      curve_of("maxilla", palette::kMaxilla, 2.0, in.maxilla, plane),
-      curve_of("mandible in TP", palette::kMandible, 2.0, d.mandible_tp, plane),
+      curve_of(upper ? "maxilla" : "maxilla in TP", palette::kMaxilla, 2.0,
+               upper ? in.maxilla : d.opposing_tp, plane),
+      curve_of(upper ? "mandible in TP" : "mandible", palette::kMandible, 2.0,
+               upper ? d.opposing_tp : in.mandible_mi, plane),
       curve_of("inner surface", palette::kInner, 1.5, d.cavity, plane),
       curve_of("outer surface", palette::kOuter, 1.5, d.outer, plane),
       curve_of("occlusal surface in TP", palette::kOcclusalTp, 1.5, d.occlusal_surface_tp, plane)};

@@ -21,6 +21,9 @@ struct Recorded {
 Result<std::vector<Recorded>> recorded_inputs(const fs::path& folder) {
   GNATHION_TRY(const json design, read_json(folder / "design.json"));
   std::vector<Recorded> out;
+  if (design.is_object() && design.contains("arch") && design["arch"] == "mandible")
+    return bad_input("cannot evaluate", (folder / "design.json").string(),
+                     "a mandibular splint: the procedures are those of maxillary ones");
   if (!design.is_object() || !design.contains("inputs") || !design["inputs"].is_array())
     return bad_input("cannot read design", (folder / "design.json").string(), "no inputs are recorded");
   for (const json& i : design["inputs"]) {

@@ -1,0 +1,223 @@
+// The splint's other kinds: on the mandible, on a given occlusal surface, along a sought or given direction.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "core/mesh_query.h"
+#include "core/random.h"
+#include "design/insertion.h"
+#include "design/preparation.h"
+#include "design/splint.h"
+#include "occlusion/contacts.h"
+#include "occlusion/crowns.h"
+#include "phantom/jaws.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kVoxelMm = 0.2;
+
+const PhantomJaws& jaws() {
+  static const PhantomJaws instance = make_phantom_jaws(23);
+  return instance;
+}
+
+/// Opening by 3° about the condyles, 1.5 mm forward, 0.5 mm to the left.
+Motion<Dental> therapeutic() {
+  const PhantomLandmarks& l = jaws().landmarks;
+  const Vector3 hinge = 0.5 * (l.condyle_left_mm + l.condyle_right_mm);
+  const Rigid3 opening = Rigid3::about_axis(hinge, Vector3::UnitX(), 3.0 * M_PI / 180.0);
+  return Motion<Dental>(Rigid3::from_translation({0.5, -1.5, 0.0}) * opening);
+}
+
+SplintInputs inputs() {
+  return {jaws().maxilla, jaws().mandible_mi, therapeutic()};
+}
+
+Result<SplintDesign> designed(const SplintInputs& in, double search_deg = 15.0) {
+  SplintParameters parameters;
+  parameters.voxel_mm = kVoxelMm;
+  parameters.insertion_search_deg = search_deg;
+  SilentProgress silent;
+  return design_splint(in, parameters, silent);
+}
+
+/// Deepest vertex of the solid inside the jaw's scan, and of the scan inside the solid.
+double overlap_mm(const TriangleMesh& jaw, const TriangleMesh& splint) {
+  const MeshQuery query(splint);
+  double depth = 0.0;
+  for (const Vector3& v : jaw.vertices_mm)
+    if (const auto d = query.signed_distance(v, 1.0)) depth = std::max(depth, -d->distance_mm);
+  return depth;
+}
+
+/// Points of the mandible that touch the maxilla in MI.
+std::vector<Vector3> natural_contacts() {
+  const MeshQuery maxilla(jaws().maxilla);
+  std::vector<Vector3> points;
+  for (const Vector3& v : jaws().mandible_mi.vertices_mm)
+    if (maxilla.closest(v, 0.05)) points.push_back(v);
+  return points;
+}
+
+double median_distance_mm(const std::vector<Vector3>& points, const Rigid3& motion,
+                          const TriangleMesh& mesh) {
+  const MeshQuery query(mesh);
+  std::vector<double> distance;
+  for (const Vector3& p : points) distance.push_back(query.closest(motion * p)->distance_mm);
+  std::sort(distance.begin(), distance.end());
+  return distance.empty() ? 1e9 : distance[distance.size() / 2];
+}
+
+TEST(MandibularSplint, StandsOnTheMandibleAndMeetsTheMaxillaInTp) {
+  SplintInputs in = inputs();
+  in.arch = Arch::kMandible;
+  const auto design = designed(in);
+  ASSERT_TRUE(design.has_value()) << design.error().line();
+  EXPECT_EQ(design->verdict, "pass") << (design->violated.empty() ? "" : design->violated.front());
+  // The mandible stays in MI; the maxilla comes by the inverse.
+  const TriangleMesh maxilla_tp = transformed(therapeutic().rigid.inverse(), jaws().maxilla);
+  EXPECT_LT(overlap_mm(jaws().mandible_mi, design->splint), 0.02);
+  EXPECT_LT(overlap_mm(maxilla_tp, design->splint), 0.02);
+  // It lies on the lower crowns: its centroid is below the occlusal plane's neighbourhood of the upper ones.
+  const Box splint = bounding_box(design->splint);
+  EXPECT_LT(splint.min_mm.z(), jaws().landmarks.lower_incisal_point_mm.z() - 2.0);
+  EXPECT_LT(design->insertion.direction.z(), -0.95);
+  // Contacts: maxillary teeth, on both sides, where they touched in MI.
+  EXPECT_GT(design->verification.contacts.left_area_mm2, 0.5);
+  EXPECT_GT(design->verification.contacts.right_area_mm2, 0.5);
+  // Voxels of 0.2 mm blur the limit of 0.05 mm that makes a contact.
+  EXPECT_GE(design->verification.kept_fraction, 0.85);
+  for (const ToothArea& tooth : design->verification.contacts.per_tooth) EXPECT_LT(tooth.fdi, 30);
+  const MeshQuery mandible(jaws().mandible_mi);
+  std::vector<Vector3> touching;
+  for (const Vector3& v : jaws().maxilla.vertices_mm)
+    if (mandible.closest(v, 0.05)) touching.push_back(v);
+  EXPECT_LT(median_distance_mm(touching, therapeutic().rigid.inverse(), design->splint), 0.03);
+}
+
+/// The crowns of the maxilla as an open surface.
+TriangleMesh occlusal_surface() {
+  const auto arch = find_arch(jaws().maxilla, jaws().mandible_mi);
+  return region_mesh(jaws().maxilla, crown_region(jaws().maxilla, *arch, Arch::kMaxilla, 3.5));
+}
+
+TEST(GivenOcclusalSurface, OfTheCrownsGivesTheContactsOfMi) {
+  SplintInputs in = inputs();
+  in.occlusal_surface = occlusal_surface();
+  const auto design = designed(in);
+  ASSERT_TRUE(design.has_value()) << design.error().line();
+  EXPECT_EQ(design->verdict, "pass") << (design->violated.empty() ? "" : design->violated.front());
+  EXPECT_GE(design->verification.kept_fraction, 0.85);
+  EXPECT_LT(median_distance_mm(natural_contacts(), therapeutic().rigid, design->splint), 0.03);
+}
+
+TEST(GivenOcclusalSurface, IsWhatTheMandibleMeets) {
+  // Withdrawn by 0.3 mm towards the maxilla's gingiva: the splint stands off by that where jaws met in MI.
+  SplintInputs in = inputs();
+  in.occlusal_surface = transformed(Rigid3::from_translation({0, 0, 0.3}), occlusal_surface());
+  const auto withdrawn = designed(in);
+  ASSERT_TRUE(withdrawn.has_value()) << withdrawn.error().line();
+  const double gap = median_distance_mm(natural_contacts(), therapeutic().rigid, withdrawn->splint);
+  EXPECT_GT(gap, 0.15);  // 0.3 mm along the normal of slopes up to 60°
+  EXPECT_LT(gap, 0.33);
+}
+
+TEST(GivenOcclusalSurface, InsideOutIsTheSameSurface) {
+  SplintInputs in = inputs();
+  in.occlusal_surface = occlusal_surface();
+  const auto one = prepare(in, {});
+  for (Triangle& t : in.occlusal_surface->triangles) std::swap(t[1], t[2]);
+  const auto other = prepare(in, {});
+  ASSERT_TRUE(one && other && one->given_stamp && other->given_stamp);
+  const double volume_mm3 = signed_volume_mm3(one->given_stamp->mesh());
+  EXPECT_GT(volume_mm3, 500.0);
+  EXPECT_NEAR(signed_volume_mm3(other->given_stamp->mesh()), volume_mm3, 1e-6 * volume_mm3);
+}
+
+TEST(GivenOcclusalSurface, OfAnotherFrameOrUnitIsRefused) {
+  for (const Rigid3& place : {Rigid3::from_translation({0, 0, 80}), Rigid3::from_translation({150, 0, 0})}) {
+    SplintInputs in = inputs();
+    in.occlusal_surface = transformed(place, occlusal_surface());
+    const auto design = designed(in);
+    ASSERT_FALSE(design.has_value());
+    EXPECT_EQ(design.error().code, ErrorCode::kInput);
+    EXPECT_NE(design.error().line().find("occlusal surface"), std::string::npos) << design.error().line();
+  }
+}
+
+/// Volume beside the crowns that rays along −a find in the shadow of a tooth, by random points.
+double shadowed_share(const MeshQuery& maxilla, const std::vector<Vector3>& beside, const Vector3& a) {
+  std::size_t hit = 0;
+  for (const Vector3& p : beside) hit += maxilla.ray(p, -a).has_value();
+  return static_cast<double>(hit) / static_cast<double>(beside.size());
+}
+
+TEST(Insertion, LeavesLessUndercutThanTheOcclusalNormal) {
+  const auto design = designed(inputs());
+  ASSERT_TRUE(design.has_value());
+  const Insertion& found = design->insertion;
+  EXPECT_LE(found.tilt_deg, 15.0 + 1e-6);
+  EXPECT_LE(found.undercut_mm3, found.undercut_at_normal_mm3);
+  // Independent of the grid: points within 1 mm of the crowns, in the shadow or not.
+  const MeshQuery maxilla(jaws().maxilla);
+  const TriangleMesh crowns = occlusal_surface();
+  Random random(77);
+  std::vector<Vector3> beside;
+  while (beside.size() < 20000) {
+    const auto v =
+        static_cast<std::size_t>(random.uniform(0.0, static_cast<double>(crowns.vertices_mm.size())));
+    const Vector3 p = crowns.vertices_mm[std::min(v, crowns.vertices_mm.size() - 1)] +
+                      Vector3(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+    const auto d = maxilla.signed_distance(p, 3.0);
+    if (d && d->distance_mm > 0.0) beside.push_back(p);
+  }
+  const double along_normal = shadowed_share(maxilla, beside, design->arch.up);
+  const double along_found = shadowed_share(maxilla, beside, found.direction);
+  EXPECT_LE(along_found, along_normal + 0.01);
+}
+
+TEST(Insertion, IsTheGivenDirectionWhenNothingIsSought) {
+  SplintParameters parameters;
+  parameters.voxel_mm = kVoxelMm;
+  parameters.insertion_search_deg = 0.0;
+  parameters.insertion_left_deg = 4.0;
+  parameters.insertion_anterior_deg = 7.0;
+  for (const Arch arch : {Arch::kMaxilla, Arch::kMandible}) {
+    SplintInputs in = inputs();
+    in.arch = arch;
+    SilentProgress silent;
+    const auto design = design_splint(in, parameters, silent);
+    ASSERT_TRUE(design.has_value());
+    const Vector3 a = design->insertion.direction;
+    const Vector3 gingival = design->arch.gingival(arch);
+    EXPECT_NEAR(a.dot(design->arch.left) / a.dot(gingival), std::tan(4.0 * M_PI / 180.0), 1e-9);
+    EXPECT_NEAR(a.dot(design->arch.anterior) / a.dot(gingival), std::tan(7.0 * M_PI / 180.0), 1e-9);
+    EXPECT_EQ(design->verdict, "pass") << (design->violated.empty() ? "" : design->violated.front());
+  }
+}
+
+TEST(Insertion, CountsTheInsideAsTheWindingNumberDoes) {
+  TriangleMesh closed = jaws().condyle_left;
+  const Box box = bounding_box(closed);
+  GridShape shape;
+  shape.spacing_mm = 0.7;
+  shape.origin_mm = box.min_mm - Vector3::Constant(1.0);
+  shape.nodes = ((box.size_mm() + Vector3::Constant(2.0)) / shape.spacing_mm).array().ceil().cast<int>() + 1;
+  const std::vector<char> inside = nodes_inside(closed, shape);
+  const MeshQuery query(closed);
+  std::size_t within = 0;
+  for (int i = 0; i < shape.nodes.x(); ++i)
+    for (int j = 0; j < shape.nodes.y(); ++j)
+      for (int k = 0; k < shape.nodes.z(); ++k) {
+        const Vector3 p = shape.position(i, j, k);
+        const auto d = query.signed_distance(p);
+        if (std::abs(d->distance_mm) < 1e-3) continue;
+        EXPECT_EQ(inside[shape.index(i, j, k)] != 0, d->distance_mm < 0.0) << p.transpose();
+        within += d->distance_mm < 0.0;
+      }
+  EXPECT_GT(within, 100u);
+}
+
+}  // namespace
+}  // namespace gnathion
