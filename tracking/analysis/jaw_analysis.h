@@ -36,7 +36,7 @@ struct ChewingCycle {
 struct JawAnalysisOptions {
   SegmentOptions segments;
   double hinge_arc_deg = 10;        ///< opening arcs from MI up to this rotation
-  double hinge_migration_mm = 2.0;  ///< a hinge's axis stays: beyond this (and 3σ) it was no hinge movement
+  double hinge_migration_mm = 1.5;  ///< a hinge's axis stays: beyond this (and 3σ) it was no hinge movement
   std::vector<double> chords_mm = {3, 5};  ///< condylar inclination and Bennett angle at these path lengths
   double half_window_s = 0.05;             ///< local quadratic that positions are read from
   int draws = 60;                          ///< of all errors together, for the standard deviations
