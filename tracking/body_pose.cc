@@ -2,145 +2,25 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <map>
 
 #include <fmt/format.h>
-#include <Eigen/Cholesky>
+#include <Eigen/LU>
 
+#include "tracking/body_fit.h"
 #include "tracking/planar_pose.h"
 #include "tracking/projection.h"
 
 namespace gnathion {
 namespace {
 
-using Vector8 = Eigen::Matrix<double, 8, 1>;
-using Jacobian = Eigen::Matrix<double, 8, 6>;
-
-/// One observed tag with its place on the body.
-struct Sighting {
-  const RigCamera* camera = nullptr;
-  Rigid3 camera_from_rig;
-  const BodyTag* tag = nullptr;
-  const TagObservation* seen = nullptr;
-  Matrix8 whitener = Matrix8::Zero();  ///< L⁻¹ of the corners' covariance L·Lᵀ
-  double area_px2 = 0;
-  bool used = true;
-};
-
-double area(const TagCorners& c) {
-  const Eigen::Vector2d a = c[2] - c[0], b = c[3] - c[1];
-  return 0.5 * std::abs(a.x() * b.y() - a.y() * b.x());
-}
-
-std::vector<Sighting> collect(const Rig& rig, const TaggedBody& body, const RigTags& tags) {
-  std::map<int, const BodyTag*> by_id;
-  for (const BodyTag& tag : body.tags) by_id[tag.id] = &tag;
-  std::vector<Sighting> sightings;
-  for (std::size_t c = 0; c < std::min(tags.size(), rig.cameras.size()); ++c) {
-    for (const TagObservation& o : tags[c]) {
-      const auto known = by_id.find(o.id);
-      if (known == by_id.end()) continue;
-      Sighting s;
-      s.camera = &rig.cameras[c];
-      s.camera_from_rig = rig.cameras[c].rig_from_camera.inverse();
-      s.tag = known->second;
-      s.seen = &o;
-      const Eigen::LLT<Matrix8> llt(o.covariance_px2);
-      if (llt.info() != Eigen::Success) continue;
-      s.whitener = llt.matrixL().solve(Matrix8::Identity());
-      s.area_px2 = area(o.corners_px);
-      sightings.push_back(s);
-    }
-  }
-  return sightings;
-}
-
-/// Observed minus projected corners, px; false when a corner lies behind the camera.
-bool residual_px(const Sighting& s, const Rigid3& rig_from_body, Vector8* residual, Jacobian* jacobian) {
-  for (int k = 0; k < 4; ++k) {
-    const Vector3 p_rig = rig_from_body * s.tag->corners_in_body_mm[static_cast<std::size_t>(k)];
-    const Vector3 p = s.camera_from_rig * p_rig;
-    if (!(p.z() > 1.0)) return false;
-    Eigen::Matrix<double, 2, 3> d;
-    residual->segment<2>(2 * k) = s.seen->corners_px[static_cast<std::size_t>(k)] -
-                                  project_with_jacobian(s.camera->model, p, jacobian ? &d : nullptr);
-    if (jacobian != nullptr) {
-      // exp(ξ)·p_rig ≈ p_rig + ω × p_rig + v, then into the camera.
-      const Eigen::Matrix<double, 2, 3> in_rig = d * s.camera_from_rig.rotation;
-      jacobian->block<2, 3>(2 * k, 0) = -in_rig * skew(p_rig);
-      jacobian->block<2, 3>(2 * k, 3) = in_rig;
-    }
-  }
-  return true;
-}
-
-double rms_px(const Sighting& s, const Rigid3& rig_from_body) {
-  Vector8 r;
-  if (!residual_px(s, rig_from_body, &r, nullptr)) return std::numeric_limits<double>::infinity();
-  return std::sqrt(r.squaredNorm() / 8);
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-struct Refined {
-  Rigid3 pose;
-  Matrix6 information = Matrix6::Zero();
-  double chi2 = 0, squares_px2 = 0;
-  int tags = 0;
-};
-
-/// Gauss–Newton over the sightings in use. With `cauchy_px` each tag is weighed down by its RMS against that
-/// scale.
-std::optional<Refined> refine(const std::vector<Sighting>& sightings, const Rigid3& start, double cauchy_px,
-                              int iterations) {
-  Refined result;
-  result.pose = start;
-  for (int i = 0;; ++i) {
-    Matrix6 n = Matrix6::Zero();
-    Vector6 g = Vector6::Zero();
-    result.chi2 = result.squares_px2 = 0;
-    result.tags = 0;
-    for (const Sighting& s : sightings) {
-      if (!s.used) continue;
-      Vector8 r;
-      Jacobian j;
-      if (!residual_px(s, result.pose, &r, &j)) {
-        if (cauchy_px > 0) continue;
-        return std::nullopt;
-      }
-      double weight = 1;
-      if (cauchy_px > 0) weight = 1 / (1 + r.squaredNorm() / (8 * cauchy_px * cauchy_px));
-      const Vector8 wr = s.whitener * r;
-      const Jacobian wj = s.whitener * j;
-      n += weight * wj.transpose() * wj;
-      g += weight * wj.transpose() * wr;
-      result.chi2 += wr.squaredNorm();
-      result.squares_px2 += r.squaredNorm();
-      ++result.tags;
-    }
-    const Eigen::LDLT<Matrix6> solver(n);
-    if (result.tags == 0 || solver.info() != Eigen::Success || !solver.isPositive()) return std::nullopt;
-    result.information = n;
-    const Vector6 step = solver.solve(g);
-    if (!step.allFinite()) return std::nullopt;
-    result.pose = exp_se3(step) * result.pose;
-    // Steps below a thousandth of what the corners tell no longer matter.
-    if (step.dot(n * step) < 1e-8 || i + 1 >= iterations) break;
-  }
-  return result;
-}
+const Vector6 kStill = Vector6::Zero();
 
 /// Truncated sum of squares over all sightings: what a hypothesis explains.
 double cost(const std::vector<Sighting>& sightings, const Rigid3& pose) {
   constexpr double kTruncatePx = 4;
   double sum = 0;
   for (const Sighting& s : sightings) {
-    const double rms = rms_px(s, pose);
+    const double rms = rms_px(s, pose, kStill);
     sum += std::min(rms * rms, kTruncatePx * kTruncatePx);
   }
   return sum;
@@ -153,7 +33,7 @@ struct Hypothesis {
 
 /// Both planar solutions of the largest tags, each judged by all tags and polished under a robust loss. Best
 /// first; hypotheses that end in the same minimum are merged.
-std::vector<Hypothesis> hypotheses(const std::vector<Sighting>& sightings) {
+std::vector<Hypothesis> hypotheses(std::vector<Sighting>& sightings) {
   std::vector<const Sighting*> largest;
   for (const Sighting& s : sightings) largest.push_back(&s);
   std::stable_sort(largest.begin(), largest.end(),
@@ -171,9 +51,9 @@ std::vector<Hypothesis> hypotheses(const std::vector<Sighting>& sightings) {
   std::vector<Hypothesis> minima;
   for (const Hypothesis& h : found) {
     if (minima.size() >= 4) break;
-    const auto wide = refine(sightings, h.pose, 2.0, 8);
+    const auto wide = fit_body(sightings, h.pose, kStill, Loss::kCauchyWide, 8);
     if (!wide) continue;
-    const auto polished = refine(sightings, wide->pose, 0.5, 8);
+    const auto polished = fit_body(sightings, wide->pose, kStill, Loss::kCauchy, 8);
     if (!polished) continue;
     const bool known = std::any_of(minima.begin(), minima.end(), [&](const Hypothesis& m) {
       return (m.pose.inverse() * polished->pose).angle_rad() < 0.02;
@@ -184,17 +64,16 @@ std::vector<Hypothesis> hypotheses(const std::vector<Sighting>& sightings) {
   return minima;
 }
 
-/// Takes out tags that disagree with the others, refining in between.
-std::optional<Refined> refine_without_outliers(std::vector<Sighting>& sightings, const Rigid3& start,
-                                               const BodyPoseOptions& options) {
+/// Fits, takes out tags that disagree with the others, and fits again.
+std::optional<BodyFit> fit_without_outliers(std::vector<Sighting>& sightings, const Rigid3& start,
+                                            const Vector6& velocity, const BodyPoseOptions& options) {
   Rigid3 pose = start;
-  std::optional<Refined> refined;
+  std::optional<BodyFit> fit;
+  std::vector<double> rms(sightings.size());
   for (int round = 0; round < 4; ++round) {
-    std::vector<double> rms;
-    for (const Sighting& s : sightings) rms.push_back(rms_px(s, pose));
-    std::vector<double> finite;
-    for (double r : rms) finite.push_back(std::min(r, 1e6));
-    const double limit = std::max(options.outlier_min_px, options.outlier_factor * median(finite));
+    for (std::size_t i = 0; i < sightings.size(); ++i)
+      rms[i] = std::min(rms_px(sightings[i], pose, velocity), 1e6);
+    const double limit = std::max(options.outlier_min_px, options.outlier_factor * median(rms));
     bool changed = round == 0;
     for (std::size_t i = 0; i < sightings.size(); ++i) {
       const bool use = rms[i] <= limit;
@@ -202,11 +81,11 @@ std::optional<Refined> refine_without_outliers(std::vector<Sighting>& sightings,
       sightings[i].used = use;
     }
     if (!changed) break;
-    refined = refine(sightings, pose, 0, 10);
-    if (!refined) return std::nullopt;
-    pose = refined->pose;
+    fit = fit_body(sightings, pose, velocity, Loss::kBounded, 10);
+    if (!fit) return std::nullopt;
+    pose = fit->pose;
   }
-  return refined;
+  return fit;
 }
 
 std::string tags_text(int n) {
@@ -224,13 +103,14 @@ int distinct_tags(const std::vector<Sighting>& sightings) {
 
 /// Where to start from: the guess when it explains the tags, else the best hypothesis. The reason when
 /// neither.
-std::optional<Rigid3> starting_pose(const std::vector<Sighting>& sightings, const BodyPoseOptions& options,
-                                    const std::optional<Rigid3>& guess, std::string* reason) {
+std::optional<Rigid3> starting_pose(std::vector<Sighting>& sightings, const BodyPoseOptions& options,
+                                    const std::optional<Rigid3>& guess, const Vector6& velocity,
+                                    std::string* reason) {
   if (guess) {
-    const auto robust = refine(sightings, *guess, 1.0, 6);
+    const auto robust = fit_body(sightings, *guess, velocity, Loss::kCauchy, 6);
     if (robust) {
       std::vector<double> rms;
-      for (const Sighting& s : sightings) rms.push_back(rms_px(s, robust->pose));
+      for (const Sighting& s : sightings) rms.push_back(rms_px(s, robust->pose, velocity));
       if (median(rms) <= options.max_rms_px) return robust->pose;
     }
   }
@@ -241,19 +121,41 @@ std::optional<Rigid3> starting_pose(const std::vector<Sighting>& sightings, cons
   }
   const double noise = 0.05 * 0.05 * static_cast<double>(sightings.size());
   if (found.size() > 1 && found[1].cost < options.ambiguity_ratio * found[0].cost + noise) {
-    *reason = fmt::format("two poses fit the tags, {:.0f} deg apart",
-                          (found[0].pose.inverse() * found[1].pose).angle_rad() * 180 / M_PI);
+    const auto turn = [](const Rigid3& a, const Rigid3& b) { return (a.inverse() * b).angle_rad(); };
+    const double apart = turn(found[0].pose, found[1].pose);
+    // The past decides where it is clearly on one side.
+    for (std::size_t i = 0; guess && i < 2; ++i) {
+      if (turn(*guess, found[i].pose) < 0.25 * apart) return found[i].pose;
+    }
+    *reason = fmt::format("two poses fit the tags, {:.0f} deg apart", apart * 180 / M_PI);
     return std::nullopt;
   }
   return found[0].pose;
 }
 
+/// What a rolling shutter adds to the covariance when the body's velocity is not known: jaws and heads move
+/// at about 100 mm/s and 1 rad/s about the body at most.
+Matrix6 unknown_velocity(const std::vector<Sighting>& sightings, const Rigid3& pose) {
+  constexpr double kSpeedMmS = 50, kTurnRadS = 0.5;
+  double square_s2 = 0, count = 0;
+  for (const Sighting& s : sightings) {
+    if (!s.used) continue;
+    square_s2 += s.after_capture_s.squaredNorm();
+    count += 4;
+  }
+  Vector6 sigma;
+  sigma << Vector3::Constant(kTurnRadS), Vector3::Constant(kSpeedMmS);
+  const Matrix6 ad = adjoint(Rigid3::from_translation(pose.translation_mm));  // turns about the body
+  return square_s2 / std::max(count, 1.0) * ad * Matrix6(sigma.cwiseAbs2().asDiagonal()) * ad.transpose();
+}
+
 }  // namespace
 
 BodyPose estimate_body_pose(const Rig& rig, const TaggedBody& body, const RigTags& tags,
-                            const BodyPoseOptions& options, const std::optional<Rigid3>& guess) {
+                            const BodyPoseOptions& options, const std::optional<Rigid3>& guess,
+                            const std::optional<Vector6>& velocity) {
   BodyPose result;
-  std::vector<Sighting> sightings = collect(rig, body, tags);
+  std::vector<Sighting> sightings = sightings_of(rig, body, tags);
   result.tags_seen = static_cast<int>(sightings.size());
   if (sightings.empty()) {
     result.reason = "no tag seen";
@@ -263,32 +165,37 @@ BodyPose estimate_body_pose(const Rig& rig, const TaggedBody& body, const RigTag
     result.reason = fmt::format("{}, need {}", tags_text(distinct_tags(sightings)), options.min_tags);
     return result;
   }
-  const auto start = starting_pose(sightings, options, guess, &result.reason);
+  const Vector6 moving = velocity.value_or(kStill);
+  const auto start = starting_pose(sightings, options, guess, moving, &result.reason);
   if (!start) return result;
-  const auto refined = refine_without_outliers(sightings, *start, options);
-  if (!refined) {
+  const auto fit = fit_without_outliers(sightings, *start, moving, options);
+  if (!fit) {
     result.reason = "the pose did not converge";
     return result;
   }
-  result.camera_from_body = refined->pose;
-  result.tags_used = refined->tags;
+  result.camera_from_body = fit->pose;
+  result.tags_used = fit->tags;
   for (const Sighting& s : sightings) {
     if (!s.used) result.rejected_ids.push_back(s.seen->id);
   }
-  const double coordinates = 8.0 * refined->tags;
-  result.rms_px = std::sqrt(refined->squares_px2 / coordinates);
+  result.rms_px = std::sqrt(fit->squares_px2 / (8.0 * fit->tags));
   // The level of the residuals, drawn a little to 1 where there are few: χ² with 4 coordinates' worth of
   // belief.
-  const double variance = (refined->chi2 + 4) / (coordinates - 6 + 4);
+  const double variance = (fit->chi2 + 4) / (std::max(8 * fit->weight, 8.0) - 6 + 4);
   result.residual_scale = std::sqrt(variance);
-  result.covariance = variance * refined->information.inverse();
+  result.covariance = variance * fit->information.inverse();
+  const bool rolling = std::any_of(sightings.begin(), sightings.end(),
+                                   [](const Sighting& s) { return !s.after_capture_s.isZero(); });
+  if (rolling && !velocity) result.covariance += unknown_velocity(sightings, fit->pose);
+  result.focal_length.resize(rig.cameras.size());
+  add_scale_evidence(sightings, *fit, moving, &result);
   const int kept = distinct_tags(sightings);
   if (kept < options.min_tags) {
     result.reason =
         fmt::format("only {} of {} agree, need {}", kept, tags_text(result.tags_seen), options.min_tags);
-  } else if (2 * refined->tags < result.tags_seen) {
+  } else if (2 * fit->tags < result.tags_seen) {
     result.reason =
-        fmt::format("{} of {} disagree", result.tags_seen - refined->tags, tags_text(result.tags_seen));
+        fmt::format("{} of {} disagree", result.tags_seen - fit->tags, tags_text(result.tags_seen));
   } else if (result.rms_px > options.max_rms_px) {
     result.reason = fmt::format("residual {:.1f} px", result.rms_px);
   } else {
@@ -297,15 +204,27 @@ BodyPose estimate_body_pose(const Rig& rig, const TaggedBody& body, const RigTag
   return result;
 }
 
+double after_capture_s(const RigCamera& camera, double row_px) {
+  const double line_s = 1e-9 * camera.line_time_ns.value_or(0);
+  return line_s * (row_px - 0.5 * (camera.model.height_px - 1));
+}
+
 std::optional<TagCorners> projected_tag(const RigCamera& camera, const BodyTag& tag,
-                                        const Rigid3& rig_from_body, double max_tilt_deg) {
-  const Rigid3 camera_from_body = camera.rig_from_camera.inverse() * rig_from_body;
+                                        const Rigid3& rig_from_body, double max_tilt_deg,
+                                        const Vector6& velocity) {
+  const Rigid3 camera_from_rig = camera.rig_from_camera.inverse();
   std::array<Vector3, 4> p;
   TagCorners corners;
   for (std::size_t k = 0; k < 4; ++k) {
-    p[k] = camera_from_body * tag.corners_in_body_mm[k];
+    const Vector3 p_rig = rig_from_body * tag.corners_in_body_mm[k];
+    p[k] = camera_from_rig * p_rig;
     if (!(p[k].z() > 1.0)) return std::nullopt;
     corners[k] = project_with_jacobian(camera.model, p[k], nullptr);
+    if (const double after_s = after_capture_s(camera, corners[k].y()); after_s != 0) {
+      p[k] = camera_from_rig * moved_point(p_rig, velocity, after_s);
+      if (!(p[k].z() > 1.0)) return std::nullopt;
+      corners[k] = project_with_jacobian(camera.model, p[k], nullptr);
+    }
     const bool inside = corners[k].x() > 2 && corners[k].y() > 2 &&
                         corners[k].x() < camera.model.width_px - 3 &&
                         corners[k].y() < camera.model.height_px - 3;

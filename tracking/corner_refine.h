@@ -9,6 +9,8 @@
 // covariance.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <optional>
 
 #include "core/camera_model.h"
@@ -21,17 +23,35 @@ namespace gnathion {
 struct RefinedCorners {
   TagCorners corners_px;
   Matrix8 covariance_px2 = Matrix8::Zero();
-  double black_grey = 0, contrast_grey = 0;  ///< mean of the four sides
-  double noise_grey = 0;                     ///< RMS residual, mean of the four sides
-  double blur_px = 0;                        ///< largest of the four sides
+  double black_grey = 0, contrast_grey = 0;  ///< mean of the sides
+  double noise_grey = 0;                     ///< RMS residual, mean of the sides
+  std::array<float, 4> side_blur_px = {};    ///< standard deviation of each side's profile
+  std::array<bool, 4> side_fitted = {};      ///< false: covered, or lost in glare
+  double covered = 0;                        ///< share of the outline that was left out
+  double blur_px() const {
+    return static_cast<double>(*std::max_element(side_blur_px.begin(), side_blur_px.end()));
+  }
 };
 
-/// Nothing when a side has no dark-to-bright edge within about a cell (at most 7 px) of its start, is too
-/// short or too noisy, leaves the image, or does not converge.
-std::optional<RefinedCorners> refine_corners(const Image8& image, const CameraModel& camera,
-                                             const TagFamily& family, int id, const TagCorners& start_px);
+/// What is known before the fit.
+struct CornerStart {
+  TagCorners corners_px;
+  /// The corners are a prediction (off by a pixel or so) and not a detector's: fitted straight away, and up
+  /// to two sides may be missing; those stay where they are predicted, with a covariance that says so.
+  bool predicted = false;
+  std::array<float, 4> side_blur_px = {0.75f, 0.75f, 0.75f, 0.75f};  ///< of the last frame
+};
 
-/// The data bits at refined corners, compared with the id's.
+struct EdgeStrip;
+
+/// Nothing when a side has no dark-to-bright edge within about a cell (at most 7 px) of its start, is too
+/// short or too noisy, leaves the image, or does not converge. `strip` is working memory.
+std::optional<RefinedCorners> refine_corners(const Image8& image, const CameraModel& camera,
+                                             const TagFamily& family, int id, const CornerStart& start,
+                                             EdgeStrip* strip);
+
+/// The data bits at refined corners, compared with the id's; cells along sides that were not fitted are not
+/// asked.
 struct BitCheck {
   int wrong = 0;
   double margin_grey = 0;  ///< mean distance from the threshold, signed: wrong bits count negative

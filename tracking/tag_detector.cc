@@ -9,12 +9,15 @@
 #include <utility>
 
 #include "tracking/corner_refine.h"
+#include "tracking/corner_refine_fit.h"
 
 namespace gnathion {
 namespace {
 
 constexpr int kLeastImagePx = 16;           // libapriltag's tiles need some room
 constexpr double kUnrefinedCornerPx = 0.3;  // libapriltag's own corners: measured RMS error, rounded up
+constexpr int kCoveredBits =
+    3;  // that may be wrong beside max_hamming where part of the outline is covered: codes differ in 11
 
 /// libapriltag's detector and family with their life times.
 class LibApriltag {
@@ -81,14 +84,16 @@ struct TagDetector::Impl {
   TagDetectorOptions options;
   TagFamily family;
   LibApriltag library;
+  EdgeStrip strip;
 
   Impl(const TagDetectorOptions& o, TagFamily f) : options(o), family(std::move(f)), library(o) {}
 
-  bool refine(const Image8& image, const CameraModel& camera, TagObservation* o) const {
-    const auto refined = refine_corners(image, camera, family, o->id, o->corners_px);
+  bool refine(const Image8& image, const CameraModel& camera, const CornerStart& start, TagObservation* o) {
+    const auto refined = refine_corners(image, camera, family, o->id, start, &strip);
     if (!refined) return false;
     const BitCheck bits = check_bits(image, family, o->id, *refined);
-    if (bits.wrong > options.max_hamming || bits.margin_grey < 0.15 * refined->contrast_grey) return false;
+    const int allowed = options.max_hamming + (refined->covered > 0 ? kCoveredBits : 0);
+    if (bits.wrong > allowed || bits.margin_grey < 0.15 * refined->contrast_grey) return false;
     o->corners_px = refined->corners_px;
     o->covariance_px2 =
         refined->covariance_px2 + options.corner_floor_px * options.corner_floor_px * Matrix8::Identity();
@@ -96,7 +101,9 @@ struct TagDetector::Impl {
     o->hamming = bits.wrong;
     o->contrast_grey = refined->contrast_grey;
     o->noise_grey = refined->noise_grey;
-    o->blur_px = refined->blur_px;
+    o->blur_px = refined->blur_px();
+    o->side_blur_px = refined->side_blur_px;
+    o->covered = refined->covered;
     o->refined = true;
     return true;
   }
@@ -127,7 +134,7 @@ std::vector<TagObservation> TagDetector::detect_in(const Image8& image, const Ca
   if (x1 - x0 < kLeastImagePx || y1 - y0 < kLeastImagePx) return {};
   std::vector<TagObservation> kept;
   for (TagObservation& o : impl_->library.detect(image, x0, y0, x1 - x0, y1 - y0)) {
-    const bool refined = impl_->options.refine && impl_->refine(image, camera, &o);
+    const bool refined = impl_->options.refine && impl_->refine(image, camera, {o.corners_px}, &o);
     if (!refined) {
       if (impl_->options.refine && !impl_->options.keep_unrefined) continue;
       o.covariance_px2 = kUnrefinedCornerPx * kUnrefinedCornerPx * Matrix8::Identity();
@@ -141,12 +148,14 @@ std::vector<TagObservation> TagDetector::detect_in(const Image8& image, const Ca
 }
 
 std::optional<TagObservation> TagDetector::follow(const Image8& image, const CameraModel& camera, int id,
-                                                  const TagCorners& expected_px) {
+                                                  const TagCorners& expected_px, const TagObservation* last) {
   if (id < 0 || id >= impl_->family.count()) return std::nullopt;
   TagObservation o;
   o.id = id;
-  o.corners_px = expected_px;
-  if (!impl_->refine(image, camera, &o)) return std::nullopt;
+  if (last != nullptr && last->refined) {
+    if (impl_->refine(image, camera, {expected_px, true, last->side_blur_px}, &o)) return o;
+  }
+  if (!impl_->refine(image, camera, {expected_px}, &o)) return std::nullopt;
   return o;
 }
 

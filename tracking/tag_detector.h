@@ -30,7 +30,9 @@ struct TagObservation {
   double contrast_grey = 0;    ///< white minus black at the edges
   double noise_grey = 0;       ///< RMS of the edge fits' residuals
   double blur_px = 0;          ///< standard deviation of the edge's profile, the largest of the four sides
-  bool refined = false;        ///< false: libapriltag's own corners, with a covariance that says so
+  std::array<float, 4> side_blur_px = {};  ///< the same for each side
+  double covered = 0;                      ///< share of the outline left out: covered, or lost in glare
+  bool refined = false;  ///< false: libapriltag's own corners, with a covariance that says so
 
   Eigen::Matrix2d corner_covariance_px2(int k) const { return covariance_px2.block<2, 2>(2 * k, 2 * k); }
 };
@@ -43,7 +45,7 @@ struct TagDetectorOptions {
   bool refine = true;           ///< edge fits; without them libapriltag's corners stand
   bool keep_unrefined = false;  ///< keep a tag whose edge fit failed, with a covariance that says so
   /// Added to every corner variance: what the fit cannot see (pixel response, print), px.
-  double corner_floor_px = 0.008;
+  double corner_floor_px = 0.003;
 };
 
 /// Not thread-safe: one per thread. Same image, same result.
@@ -57,10 +59,11 @@ class TagDetector {
   /// The same inside one rectangle (clamped to the image).
   std::vector<TagObservation> detect_in(const Image8& image, const CameraModel& camera, int x0, int y0,
                                         int width_px, int height_px);
-  /// Looks for one tag near where it is expected (off by at most about a cell of the tag, or 6 px). Nothing
-  /// when its edges are not there or its bits are not the id's.
+  /// Looks for one tag near where it is expected: straight there when `last`, the tag in the frame before, is
+  /// given (off by at most 2 px or so), else by search (off by about a cell of the tag, or 6 px). Nothing
+  /// when its edges are not there or its bits are not the id's. With `last`, up to two sides may be covered.
   std::optional<TagObservation> follow(const Image8& image, const CameraModel& camera, int id,
-                                       const TagCorners& expected_px);
+                                       const TagCorners& expected_px, const TagObservation* last = nullptr);
 
  private:
   struct Impl;

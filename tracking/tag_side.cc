@@ -7,96 +7,101 @@ constexpr double kLeastRiseGrey = 7.5;  // over two pixels
 constexpr double kMinSidePx = 10;
 constexpr double kMinCellPx = 1.6;
 
-/// How far a straight edge of space bows out of its chord in the image, at its middle.
-double sagitta(const CameraModel& camera, const Vector2& a, const Vector2& b, const Vector2& normal) {
-  if (camera.k1 == 0 && camera.k2 == 0 && camera.k3 == 0 && camera.p1 == 0 && camera.p2 == 0) return 0;
-  const Vector2 middle = camera.distort(0.5 * (camera.undistorted(a) + camera.undistorted(b)));
-  const Vector2 pixel(camera.fx_px * middle.x() + camera.cx_px, camera.fy_px * middle.y() + camera.cy_px);
-  return normal.dot(pixel - 0.5 * (a + b));
+/// A point of the tag's plane, `i` cells along side `k` in its direction and `depth` cells inward of it.
+Vector2 cell_point(const Matrix3& h, int n, int k, double i, double depth) {
+  switch (k) {
+    case 0:
+      return apply(h, i, n - depth);
+    case 1:
+      return apply(h, n - depth, n - i);
+    case 2:
+      return apply(h, n - i, depth);
+    default:
+      return apply(h, depth, i);
+  }
+}
+
+/// Whether cell `i` of the first data row along side `k` is white.
+bool inner_white(const TagFamily& family, int id, int k, int i) {
+  const int n = family.square_cells();
+  switch (k) {
+    case 0:
+      return family.white(id, i, n - 2);
+    case 1:
+      return family.white(id, n - 2, n - 1 - i);
+    case 2:
+      return family.white(id, n - 1 - i, 1);
+    default:
+      return family.white(id, 1, i);
+  }
+}
+
+bool has_distortion(const CameraModel& c) {
+  return c.k1 != 0 || c.k2 != 0 || c.k3 != 0 || c.p1 != 0 || c.p2 != 0;
 }
 
 }  // namespace
 
-std::vector<double> inner_row(const Side& side, const Matrix3& h, const TagFamily& family, int id, int k,
-                              double blur_px) {
-  const int n = family.square_cells();
-  const auto cell_point = [&](double i, double depth) {  // i along the side in its direction, depth inward
-    switch (k) {
-      case 0:
-        return apply(h, i, n - depth);
-      case 1:
-        return apply(h, n - depth, n - i);
-      case 2:
-        return apply(h, n - i, depth);
-      default:
-        return apply(h, depth, i);
-    }
-  };
-  const auto white = [&](int i) {
-    switch (k) {
-      case 0:
-        return family.white(id, i, n - 2);
-      case 1:
-        return family.white(id, n - 2, n - 1 - i);
-      case 2:
-        return family.white(id, n - 1 - i, 1);
-      default:
-        return family.white(id, 1, i);
-    }
-  };
-  std::vector<double> w(static_cast<std::size_t>(side.length_px * kGrid) + 3, 0.0);
-  for (int i = 1; i + 1 < n; ++i) {
-    if (!white(i)) continue;
-    int last = i;
-    while (last + 2 < n && white(last + 1)) ++last;
-    const double from = side.along.dot(cell_point(i, 1.0) - side.start);
-    const double to = side.along.dot(cell_point(last + 1, 1.0) - side.start);
-    for (std::size_t g = 0; g < w.size(); ++g) {
-      const double s = static_cast<double>(g) / kGrid;
-      w[g] += kNormal.cumulative((s - from) / blur_px) - kNormal.cumulative((s - to) / blur_px);
-    }
-    i = last;
+double InnerRow::white(double s_px, double blur_px) const {
+  double w = 0;
+  for (std::size_t r = 0; r < static_cast<std::size_t>(runs); ++r) {
+    w += kNormal.cumulative((s_px - from_px[r]) / blur_px) - kNormal.cumulative((s_px - to_px[r]) / blur_px);
   }
   return w;
 }
 
-std::optional<Side> make_side(const CameraModel& camera, const TagFamily& family, const TagCorners& corners,
-                              const Matrix3& h, int k) {
-  Side side;
-  const Vector2& a = corners[static_cast<std::size_t>(k)];
-  const Vector2& b = corners[static_cast<std::size_t>((k + 1) % 4)];
-  side.start = a;
-  side.length_px = (b - a).norm();
-  if (!(side.length_px >= kMinSidePx)) return std::nullopt;
-  side.along = (b - a) / side.length_px;
-  side.normal = Vector2(-side.along.y(), side.along.x());
-  side.sagitta_px = sagitta(camera, a, b, side.normal);
-  // Parallel lines one cell inside and outside: their distance is linear along the side.
+InnerRow inner_row(const Side& side, const Matrix3& h, const TagFamily& family, int id, int k) {
   const int n = family.square_cells();
-  const auto depth_point = [&](double i, double depth) {
-    switch (k) {
-      case 0:
-        return apply(h, i, n - depth);
-      case 1:
-        return apply(h, n - depth, n - i);
-      case 2:
-        return apply(h, n - i, depth);
-      default:
-        return apply(h, depth, i);
+  InnerRow row;
+  for (int i = 1; i + 1 < n && row.runs < InnerRow::kMostRuns; ++i) {
+    if (!inner_white(family, id, k, i)) continue;
+    int last = i;
+    while (last + 2 < n && inner_white(family, id, k, last + 1)) ++last;
+    const std::size_t r = static_cast<std::size_t>(row.runs++);
+    row.from_px[r] = side.along.dot(cell_point(h, n, k, i, 1.0) - side.start);
+    row.to_px[r] = side.along.dot(cell_point(h, n, k, last + 1, 1.0) - side.start);
+    i = last;
+  }
+  return row;
+}
+
+bool make_sides(const CameraModel& camera, const TagFamily& family, const TagCorners& corners,
+                const Matrix3& h, std::array<Side, 4>* sides) {
+  const int n = family.square_cells();
+  const bool distorted = has_distortion(camera);
+  TagCorners straight;  // without the lens' distortion
+  for (std::size_t k = 0; distorted && k < 4; ++k) straight[k] = camera.undistorted(corners[k]);
+  for (int k = 0; k < 4; ++k) {
+    const std::size_t from = static_cast<std::size_t>(k), to = (from + 1) % 4;
+    Side& side = (*sides)[from];
+    side.start = corners[from];
+    side.length_px = (corners[to] - corners[from]).norm();
+    if (!(side.length_px >= kMinSidePx)) return false;
+    side.along = (corners[to] - corners[from]) / side.length_px;
+    side.normal = Vector2(-side.along.y(), side.along.x());
+    side.sagitta_px = 0;
+    if (distorted) {  // how far the straight edge bows out of its chord, at its middle
+      const Vector2 middle = camera.distort(0.5 * (straight[from] + straight[to]));
+      const Vector2 pixel(camera.fx_px * middle.x() + camera.cx_px, camera.fy_px * middle.y() + camera.cy_px);
+      side.sagitta_px = side.normal.dot(pixel - 0.5 * (corners[from] + corners[to]));
     }
-  };
-  const auto distance_at = [&](double depth, double u) {
-    const Vector2 p = depth_point(0, depth) - a, q = depth_point(n, depth) - a;
-    const double s0 = side.along.dot(p), s1 = side.along.dot(q);
-    const double d0 = side.normal.dot(p), d1 = side.normal.dot(q);
-    return d0 + (d1 - d0) * (u * side.length_px - s0) / (s1 - s0);
-  };
-  side.in0 = -distance_at(1, 0);
-  side.in1 = -distance_at(1, 1);
-  side.out0 = distance_at(-1, 0);
-  side.out1 = distance_at(-1, 1);
-  if (!(side.least_cell() >= kMinCellPx)) return std::nullopt;
-  return side;
+    // Parallel lines one cell inside and outside: their distance is linear along the side.
+    const auto distances = [&](double depth, double* at_0, double* at_1) {
+      const Vector2 p = cell_point(h, n, k, 0, depth) - side.start;
+      const Vector2 q = cell_point(h, n, k, n, depth) - side.start;
+      const double s0 = side.along.dot(p), s1 = side.along.dot(q);
+      const double d0 = side.normal.dot(p), d1 = side.normal.dot(q);
+      const double slope = (d1 - d0) / (s1 - s0);
+      *at_0 = d0 - slope * s0;
+      *at_1 = d0 + slope * (side.length_px - s0);
+    };
+    distances(-1, &side.out0, &side.out1);
+    distances(1, &side.in0, &side.in1);
+    side.in0 = -side.in0;
+    side.in1 = -side.in1;
+    if (!(side.least_cell() >= kMinCellPx)) return false;
+  }
+  return true;
 }
 
 bool find_edge(const Image8& image, const Side& side, double* offset, double* slope) {

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
-#include <vector>
 
 #include "core/camera_model.h"
 #include "core/image.h"
@@ -70,7 +68,6 @@ struct Side {
   Vector2 start, along, normal;  ///< `normal` points outward (to the white margin)
   double length_px = 0, sagitta_px = 0;
   double in0 = 0, in1 = 0, out0 = 0, out1 = 0;  ///< width of the cell inside and outside, at u = 0 and 1, px
-  std::vector<double> inner_white;              ///< w(u) on a grid of u, kGrid steps a pixel
 
   double cell_in(double u) const { return in0 + (in1 - in0) * u; }
   double cell_out(double u) const { return out0 + (out1 - out0) * u; }
@@ -83,15 +80,20 @@ struct Side {
   }
 };
 
-constexpr double kGrid = 4;  // steps a pixel of inner_white
+/// White runs of the first row of data cells along a side: from and to, px along it.
+struct InnerRow {
+  static constexpr int kMostRuns = 8;
+  std::array<double, kMostRuns> from_px{}, to_px{};
+  int runs = 0;
+  /// How white the row is at `s` px along the side, blurred along it.
+  double white(double s_px, double blur_px) const;
+};
+InnerRow inner_row(const Side& side, const Matrix3& h, const TagFamily& family, int id, int k);
 
-/// Side `k` of the quad, from corner k to the next; `h` maps cells to pixels. Nothing when it is too short.
-std::optional<Side> make_side(const CameraModel& camera, const TagFamily& family, const TagCorners& corners,
-                              const Matrix3& h, int k);
-
-/// w(u): how white the first inner row is along the side, blurred along it.
-std::vector<double> inner_row(const Side& side, const Matrix3& h, const TagFamily& family, int id, int k,
-                              double blur_px);
+/// The four sides of a quad, side k from corner k to the next; `h` maps cells to pixels. False when one is
+/// too short.
+bool make_sides(const CameraModel& camera, const TagFamily& family, const TagCorners& corners,
+                const Matrix3& h, std::array<Side, 4>* sides);
 
 /// Offset a and slope b of the strongest dark-to-bright edge, by profiles across the side.
 bool find_edge(const Image8& image, const Side& side, double* offset, double* slope);
