@@ -46,9 +46,12 @@ void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording
 void add_exchange_commands(CLI::App& recording, ChosenCommand& chosen);  // recording import|export
 void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
+void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
 void add_virtual_print_command(CLI::App& evaluate, ChosenCommand& chosen);  // under evaluate
 void add_position_commands(CLI::App& evaluate, ChosenCommand& chosen);      // under evaluate: discrepancy, registration-object
+
+void add_motion_commands(CLI::App& app, ChosenCommand& chosen);             // motion analyse
 
 /// Refuses (kUsage) an output file that exists unless forced, whose folder does not exist, or that is one of
 /// the `inputs`, forced or not.

@@ -157,6 +157,7 @@ void add_transform_commands(CLI::App& app, ChosenCommand& chosen) {
   CLI::App* calibrate = app.add_subcommand("calibrate", "solve for poses that link the instruments");
   calibrate->require_subcommand(1);
   add_calibrate_chain(*calibrate, chosen);
+  add_calibrate_bow_command(*calibrate, chosen);
   CLI::App* transform = app.add_subcommand("transform", "the therapeutic transformation T_th");
   transform->require_subcommand(1);
   add_transform_scans(*transform, chosen);

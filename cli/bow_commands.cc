@@ -1,0 +1,87 @@
+// calibrate bow, bow print.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "acquisition/recording.h"
+#include "calibration/bow_geometry_json.h"
+#include "cli/command.h"
+#include "core/file.h"
+#include "core/transform_io.h"
+#include "pipeline/bow_film.h"
+
+namespace gnathion {
+namespace {
+
+using nlohmann::json;
+
+std::string text_of(const json& j) {
+  return j.dump(2, ' ', false, json::error_handler_t::replace);
+}
+
+struct CalibrateOptions {
+  std::string recording, rig, bow, out, bow_out;
+  std::vector<std::string> distances;
+  double tag_side_mm = 0, tag_side_sigma_mm = 0.02, interval_s = 0.1;
+};
+
+Result<BowFilmOptions> film_options(const CalibrateOptions& o) {
+  BowFilmOptions options;
+  if (o.tag_side_mm != 0) options.geometry.tag_side_mm = o.tag_side_mm;
+  options.geometry.tag_side_sigma_mm = o.tag_side_sigma_mm;
+  options.interval_s = o.interval_s;
+  for (const std::string& d : o.distances) {
+    GNATHION_TRY(const KnownDistance distance, parse_distance(d));
+    options.geometry.distances.push_back(distance);
+  }
+  return options;
+}
+
+Result<CommandOutput> calibrate_bow(const CalibrateOptions& o, const CommonOptions& common,
+                                    Progress& progress) {
+  GNATHION_CHECK_OK(may_write(o.out, common, {o.recording, o.rig, o.bow}));
+  if (!o.bow_out.empty()) GNATHION_CHECK_OK(may_write(o.bow_out, common, {o.recording, o.rig, o.bow, o.out}));
+  GNATHION_TRY(const BowFilmOptions options, film_options(o));
+  GNATHION_TRY(const auto cameras, read_rig_cameras(o.rig));
+  GNATHION_TRY(const TaggedBody nominal, read_body(o.bow));
+  GNATHION_TRY(auto source, RecordingSource::open(o.recording));
+  BowFilmSummary film;
+  GNATHION_TRY(const BowGeometry g, calibrate_bow_film(*source, cameras, nominal, options, progress, &film));
+  json j = bow_geometry_json(g);
+  j["film"] = {{"frames", film.frames}, {"looked_at", film.instants}, {"with_pose", film.with_pose}};
+  GNATHION_CHECK_OK(write_json(o.out, j));
+  if (!o.bow_out.empty())
+    GNATHION_CHECK_OK(write_body(o.bow_out, g.body,
+                                 fmt::format("Calibrated from a film: {} tags, {:.4f} mm, scale {:.2f} %.",
+                                             g.tags.size(), g.shape_sigma_mm, 100 * g.scale_sigma)));
+  return CommandOutput{bow_geometry_text(g), text_of(j), false};
+}
+
+}  // namespace
+
+void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen) {
+  auto o = std::make_shared<CalibrateOptions>();
+  CLI::App* command =
+      calibrate.add_subcommand("bow", "tag corners of bow or head frame from a film of it (docs/bow.md)");
+  command->add_option("--recording", o->recording, "film of the body, turned before the camera")->required();
+  command->add_option("--rig", o->rig, "RIG.toml; only its cameras count")->required();
+  command->add_option("--bow", o->bow, "bow.toml or head_frame.toml as designed")->required();
+  command->add_option("--out", o->out, "bow_calibration.json")->required();
+  command->add_option("--bow-out", o->bow_out, "calibrated bow.toml for 'gnathion track'");
+  command
+      ->add_option("--tag-side-mm", o->tag_side_mm, "measured side of the black squares; else as in the file")
+      ->check(CLI::Range(1.0, 1000.0));
+  command->add_option("--tag-side-sigma-mm", o->tag_side_sigma_mm, "how well the side is known [0.02]")
+      ->check(CLI::Range(1e-4, 10.0));
+  command->add_option(
+      "--distance", o->distances,
+      "measured length TAG[.CORNER]-TAG[.CORNER]=MM[/SIGMA_MM]; centres without a corner; repeatable");
+  command->add_option("--interval-s", o->interval_s, "between the frames that are looked at [0.1]")
+      ->check(CLI::Range(0.0, 60.0));
+  finish_command(*command, chosen, [o](const CommonOptions& common, Progress& progress) {
+    return calibrate_bow(*o, common, progress);
+  });
+}
+
+}  // namespace gnathion
