@@ -62,7 +62,8 @@ struct CameraCalibration {
   /// Cross-validation over views: intrinsics from the other folds; in each view left out the pose comes from
   /// one half of its corners (every second id) and the error from the other half, then the other way round.
   double held_out_px = 0;
-  double noise_scale = 1;  ///< √(χ²/dof): 1 where the detector's covariances tell all
+  double noise_scale = 1;     ///< √(χ²/dof): 1 where the detector's covariances tell all
+  double extra_noise_px = 0;  ///< noise found beyond the detector's, per coordinate
   std::vector<ViewResult> views;
   std::vector<std::string> dropped;  ///< "left03.jpg: the same as left02.jpg"
   CoverageMap coverage;

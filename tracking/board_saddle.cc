@@ -19,6 +19,8 @@ using Matrix10 = Eigen::Matrix<double, kParameters + 1, kParameters + 1>;
 constexpr double kLeastRadiusPx = 2.0;
 constexpr double kLeastContrastGrey = 15;
 constexpr double kMostUnexplained = 0.15;  // of the variance
+constexpr double kMostGradient =
+    0.6;  // over the disc, of half the contrast: one dark quadrant of four has 1.7
 constexpr double kQuantisationGrey2 = 1.0 / 12;
 constexpr double kFloorPx = 0.004;  // what the model does not see: the pixel's box, curved edges
 constexpr int kIterations = 30;
@@ -133,7 +135,7 @@ std::optional<Saddle> fit_saddle(const Image8& image, const Eigen::Vector2d& sta
   const double residual = sum(kParameters, kParameters);
   const double between = std::abs(std::sin(x[2] - x[3]));
   if (2 * std::abs(x[5]) < kLeastContrastGrey || residual > kMostUnexplained * variance || between < 0.25 ||
-      x[4] > 0.65 * radius_px)
+      x[4] > 0.65 * radius_px || std::hypot(x[7], x[8]) * radius_px > kMostGradient * std::abs(x[5]))
     return std::nullopt;
   const double noise2 = std::max(residual / (count - kParameters), kQuantisationGrey2);
   const Matrix9 inverse = sum.topLeftCorner<kParameters, kParameters>().ldlt().solve(Matrix9::Identity());
