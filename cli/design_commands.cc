@@ -20,7 +20,8 @@ std::string joined(const std::vector<std::string>& names) {
 }
 
 std::vector<std::string> input_paths(const DesignJob& job) {
-  return {job.maxilla.string(), job.mandible.string(), job.transform.string(), job.occlusal_surface.string()};
+  return {job.maxilla.string(),          job.mandible.string(), job.transform.string(),
+          job.occlusal_surface.string(), job.motion.string(),   job.calibration.string()};
 }
 
 void add_check(CLI::App& app, ChosenCommand& chosen) {
@@ -114,6 +115,11 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
       ->capture_default_str();
   command->add_option("--occlusal-surface", o->job.occlusal_surface,
                       "S_occ of that arch, where it lies in MI; else its crowns");
+  command->add_option(
+      "--motion", o->job.motion,
+      "excursions that must run free from TP: motion.csv in the dental frame, or motion.mcap");
+  command->add_option("--calibration", o->job.calibration,
+                      "chain.json for motion.mcap; else the one beside it");
   command->add_option("--mandible-pose", o->pose, "where the mandible's file has it")
       ->check(CLI::IsMember({"mi", "tp"}))
       ->capture_default_str();

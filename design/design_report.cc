@@ -46,6 +46,11 @@ json aperture_facts(const std::vector<Aperture>& apertures) {
   return out;
 }
 
+json freedom_facts(const SplintVerification& v) {
+  if (!v.freedom) return nullptr;
+  return {{"poses", v.freedom->poses}, {"deepest_mm", v.freedom->deepest_mm}};
+}
+
 json seating_facts(const std::optional<PredictedSeating>& seating) {
   if (!seating) return nullptr;
   return {
@@ -108,6 +113,7 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
             {"max", v.contact_surface_error.max_mm}}},
           {"apertures", aperture_facts(v.apertures)},
           {"thin_under_contact_mm2", v.thin_under_contact_mm2},
+          {"freedom", freedom_facts(v)},
           {"predicted_seating", seating_facts(v.predicted_seating)},
           {"gates", gates},
           {"warnings", design.warnings}};

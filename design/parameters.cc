@@ -49,6 +49,13 @@ constexpr Field kFields[] = {
     {"insertion_left_deg", &SplintParameters::insertion_left_deg, "deg", -25.0, 25.0,
      "start of that search, tilted to the patient's left"},
     {"insertion_anterior_deg", &SplintParameters::insertion_anterior_deg, "deg", -25.0, 25.0, "and forward"},
+    {"excursion_mm", &SplintParameters::excursion_mm, "mm", 0.0, 12.0,
+     "straight excursions from TP that run free where no motion is given; 0: none"},
+    {"protrusion_deg", &SplintParameters::protrusion_deg, "deg", 0.0, 70.0, "their way down, forwards"},
+    {"laterotrusion_deg", &SplintParameters::laterotrusion_deg, "deg", 0.0, 60.0,
+     "their way down, sidewards"},
+    {"disclusion_mm", &SplintParameters::disclusion_mm, "mm", 0.0, 2.0,
+     "distance kept on excursions, from 2 mm of way on"},
     {"embrasure_mm", &SplintParameters::embrasure_mm, "mm", 0.0, 2.0,
      "grooves narrower than twice this stay empty"},
 };

@@ -32,6 +32,10 @@ struct SplintParameters {
   double insertion_search_deg = 15.0;   ///< a is sought within this of its start; 0: the start itself
   double insertion_left_deg = 0.0;      ///< start of a: the occlusal normal, tilted to the patient's left ...
   double insertion_anterior_deg = 0.0;  ///< ... and forward
+  double excursion_mm = 0.0;            ///< straight excursions from TP run free this far; 0: none
+  double protrusion_deg = 30.0;         ///< their way down forwards ...
+  double laterotrusion_deg = 15.0;      ///< ... and sidewards
+  double disclusion_mm = 0.0;           ///< the splint stays this far from the opposing arch on excursions
   double embrasure_mm = 0.5;  ///< interdental grooves narrower than twice this are not filled by the splint
 };
 

@@ -193,6 +193,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
       design_box(support, level, tp_from_mi, parameters, parameters.voxel_mm * refinement);
   if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
     return bad_input("cannot design", support_name, "no crowns found near the arch curve");
+  std::vector<FreePose> free = free_poses(inputs, arch, design_from_dental, parameters);
   std::vector<Vector3> normals = smoothed_normals(support);
   std::vector<double> sharp = sharpness(support), sharp_opposing = sharpness(opposing);
   for (const std::string& hole : holes) warnings.push_back(fmt::format("{}: {}", support_name, hole));
@@ -206,6 +207,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                      std::move(normals),
                      std::move(sharp),
                      std::move(sharp_opposing),
+                     std::move(free),
                      std::move(level),
                      coarse,
                      refinement,

@@ -68,8 +68,8 @@ void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, cons
                                                        design.parameters.stamp_height_mm));
   design.occlusal_surface_tp = transformed(inputs.opposing_motion(), occlusal);
   design.cavity = transformed(dental, splint.region({SurfacePart::kCavity}));
-  design.outer =
-      transformed(dental, splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint}));
+  design.outer = transformed(dental, splint.region({SurfacePart::kOuter, SurfacePart::kStamp,
+                                                    SurfacePart::kImprint, SurfacePart::kRelief}));
 }
 
 void judge(SplintDesign& design, double side_wall_p01_mm) {
@@ -117,6 +117,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     verify_walls(splint, field, design.verification, &side_wall_p01_mm);
     verify_fit(splint, preparation, inputs.arch, design.verification);
     verify_contacts(inputs, splint, preparation, design.verification);
+    verify_freedom(splint, preparation, design.verification);
     design.verification.apertures = found_apertures(
         field, inputs.support(), assign_teeth(inputs.support(), preparation.arch, inputs.arch), inputs.arch);
     const Rigid3 dental = preparation.design_from_dental.inverse();

@@ -29,6 +29,9 @@ struct SplintInputs {
   /// S_occ of the support, open or closed, where it lies in MI; else the support's crowns are taken.
   std::optional<TriangleMesh> occlusal_surface = {};
   Arch arch = Arch::kMaxilla;  ///< that wears the splint
+  /// Displacements of the mandible from MI, as recorded, that must run free from TP (freedom.h); may be
+  /// empty.
+  std::vector<Rigid3> excursions = {};
 
   bool on_maxilla() const { return arch == Arch::kMaxilla; }
   const TriangleMesh& support() const { return on_maxilla() ? maxilla : mandible_mi; }

@@ -7,6 +7,7 @@
 
 #include "design/blockout.h"
 #include "design/distances.h"
+#include "design/freedom.h"
 #include "design/shells.h"
 #include "design/solid_distance.h"
 #include "design/stamp.h"
@@ -26,6 +27,7 @@ constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm bel
 constexpr double kStampTopMm = 1.0;
 constexpr double kTipGapVoxels = 0.5;       // room at tips of the support that are narrower than the grid
 constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the opposing arch
+constexpr double kFreeErrorMm = 0.03;       // the coarse sweep leaves contacts in TP to exact distances
 constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.5;  // what triangles may take from the thinnest wall
@@ -71,6 +73,7 @@ struct SplintField::Ingredients {
   double opposing = 0.0;  // φ of L_TP
   double opposing_swept = 0.0;
   double body = 0.0;
+  double free = 1e9;  // distance from what must run free
 };
 
 SplintField::SplintField(const Preparation& preparation, const SplintParameters& parameters)
@@ -99,6 +102,8 @@ void SplintField::build_shapes() {
         const CoarseGrid outline = distance_from_rim_outline(support_swept_, prep_.level, par_);
         const CoarseGrid shell = outer_shell(support_swept_, outline, par_);
         body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), opposing_, par_);
+        if (!prep_.free_poses.empty())
+          free_ = swept_along(prep_.free_poses, par_.disclusion_mm, prep_.opposing, body_);
       });
 }
 
@@ -132,6 +137,7 @@ SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   in.opposing = opposing_.linear(cell);
   in.opposing_swept = opposing_swept_.linear(cell);
   in.body = body_.linear(cell);
+  if (!prep_.free_poses.empty()) in.free = free_.linear(cell);
   return in;
 }
 
@@ -143,7 +149,8 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   // S_occ.
   const double opposing = std::min(in.opposing, in.opposing_swept + kSweepErrorMm);
   const double relief = std::max(opposing - par_.occlusion_clearance_mm, -in.stamp);
-  f.cut = std::min(opposing, relief);
+  const double free = in.free + kFreeErrorMm;
+  f.cut = std::min({opposing, relief, free});
   // The exact stamp near the opposing arch, sinking into the smooth body away from it.
   const Vector3 natural = natural_from_tp_ * p;
   const double top =
@@ -163,7 +170,7 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   if (f.value == film)
     f.part = SurfacePart::kAperture;
   else if (f.value == -f.cut)
-    f.part = SurfacePart::kImprint;
+    f.part = f.cut == free ? SurfacePart::kRelief : SurfacePart::kImprint;
   else if (f.value == inner)
     f.part = f.rim > -0.5 * par_.rim_radius_mm ? SurfacePart::kRim : SurfacePart::kCavity;
   else if (f.rim > -par_.rim_radius_mm)

@@ -10,7 +10,7 @@
 namespace gnathion {
 
 /// Which part of the construction shapes the surface at a point.
-enum class SurfacePart : std::uint8_t { kCavity, kOuter, kStamp, kImprint, kAperture, kRim };
+enum class SurfacePart : std::uint8_t { kCavity, kOuter, kStamp, kImprint, kRelief, kAperture, kRim };
 
 /// Signed quantities at a point, mm.
 struct FieldTerms {
@@ -57,6 +57,7 @@ class SplintField {
   CoarseGrid opposing_;        ///< φ of L_TP
   CoarseGrid opposing_swept_;  ///< L_TP and its way down, but for the last kSweepStart
   CoarseGrid body_;            ///< shell, stamp and fillets, smooth
+  CoarseGrid free_;            ///< the opposing arch swept along its excursions; empty: none
 };
 
 }  // namespace gnathion

@@ -61,6 +61,12 @@ struct SplintVerification {
   } contact_surface_error;  ///< of the splint against S_occ in TP less the opposing arch, within the contacts
   std::vector<Aperture> apertures;
   double retention_area_mm2 = 0.0;  ///< of the cavity's surface below the height of contour
+  /// The opposing arch on its excursions: how deep it runs into the splint.
+  struct Freedom {
+    std::size_t poses = 0;  ///< looked at
+    double deepest_mm = 0.0;
+  };
+  std::optional<Freedom> freedom;  ///< where excursions were asked for
   std::optional<PredictedSeating> predicted_seating;
 };
 

@@ -31,7 +31,8 @@ void verify_walls(const FinishedSplint& splint, const SplintField& field, Splint
                   double* side_wall_p01_mm) {
   const SplintParameters& par = field.parameters();
   const TriangleMesh cavity = splint.region({SurfacePart::kCavity});
-  const TriangleMesh outer = splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint});
+  const TriangleMesh outer =
+      splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint, SurfacePart::kRelief});
   *side_wall_p01_mm = 0.0;
   if (cavity.empty() || outer.empty()) return;
   const MeshQuery to_outer(outer), to_cavity(cavity);
@@ -65,7 +66,8 @@ void verify_walls(const FinishedSplint& splint, const SplintField& field, Splint
   out.thickness.median_mm = all[all.size() / 2];
   if (!side.empty()) *side_wall_p01_mm = side[side.size() / 100];
 
-  const TriangleMesh biting = splint.region({SurfacePart::kImprint, SurfacePart::kStamp});
+  const TriangleMesh biting =
+      splint.region({SurfacePart::kImprint, SurfacePart::kRelief, SurfacePart::kStamp});
   std::vector<Vector3> centres;
   for (std::size_t t = 0; t < biting.triangles.size(); ++t)
     centres.push_back((biting.corner(t, 0) + biting.corner(t, 1) + biting.corner(t, 2)) / 3.0);

@@ -20,6 +20,9 @@ struct DesignJob {
   std::filesystem::path maxilla, mandible, transform;
   std::filesystem::path occlusal_surface;  ///< of the arch that wears the splint; empty: its crowns
   Arch arch = Arch::kMaxilla;              ///< that wears the splint
+  /// Excursions that must run free: motion.csv in the dental frame, or motion.mcap with `calibration` (empty:
+  /// chain.json beside it); empty: none but those of the parameters.
+  std::filesystem::path motion, calibration;
   bool mandible_is_in_tp = false;          ///< the file has the mandible in TP already
   SplintParameters parameters;
   bool pictures = true;

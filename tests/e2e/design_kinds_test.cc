@@ -10,6 +10,7 @@
 #include "design/splint.h"
 #include "occlusion/contacts.h"
 #include "occlusion/crowns.h"
+#include "phantom/jaw_motion.h"
 #include "phantom/jaws.h"
 
 namespace gnathion {
@@ -144,6 +145,69 @@ TEST(GivenOcclusalSurface, OfAnotherFrameOrUnitIsRefused) {
     EXPECT_EQ(design.error().code, ErrorCode::kInput);
     EXPECT_NE(design.error().line().find("occlusal surface"), std::string::npos) << design.error().line();
   }
+}
+
+/// Protrusion to 5 mm as a recording has it: rest, the way forward, and noise of 0.01 mm.
+std::vector<Rigid3> protrusion() {
+  JawGeometry joints;
+  joints.condyle_left_mm = jaws().landmarks.condyle_left_mm;
+  joints.condyle_right_mm = jaws().landmarks.condyle_right_mm;
+  joints.condylar_inclination_rad = 25.0 * M_PI / 180.0;
+  Random random(31);
+  std::vector<Rigid3> out;
+  for (int frame = 0; frame < 150; ++frame) {
+    JawState state;
+    state.slide_left_mm = state.slide_right_mm = 5.0 * std::max(0, frame - 50) / 100.0;
+    const Vector3 noise = 0.01 * random.normal3();
+    out.push_back(Rigid3::from_translation(noise) * motion_of(state, joints).rigid);
+  }
+  return out;
+}
+
+/// Deepest vertex of the jaw in the splint over all its places.
+double deepest_mm(const TriangleMesh& jaw, const std::vector<Rigid3>& places, const TriangleMesh& splint) {
+  const MeshQuery query(splint);
+  const Box box = bounding_box(splint);
+  double depth = 0.0;
+  for (std::size_t n = 0; n < places.size(); n += 5)
+    for (const Vector3& v : jaw.vertices_mm) {
+      const Vector3 p = places[n] * v;
+      if ((p.array() < box.min_mm.array()).any() || (p.array() > box.max_mm.array()).any()) continue;
+      if (const auto d = query.signed_distance(p, 3.0)) depth = std::max(depth, -d->distance_mm);
+    }
+  return depth;
+}
+
+TEST(Freedom, TheRecordedProtrusionRunsFreeFromTp) {
+  SplintInputs in = inputs();
+  std::vector<Rigid3> places;  // the protrusion told anew from TP
+  for (const Rigid3& r : protrusion()) places.push_back(therapeutic().rigid * r);
+  const auto held = designed(in);
+  in.excursions = protrusion();
+  const auto free = designed(in);
+  ASSERT_TRUE(held && free);
+  EXPECT_EQ(free->verdict, "pass") << (free->violated.empty() ? "" : free->violated.front());
+  EXPECT_FALSE(held->verification.freedom);
+  ASSERT_TRUE(free->verification.freedom);
+  const double without = deepest_mm(jaws().mandible_mi, places, held->splint);
+  const double with = deepest_mm(jaws().mandible_mi, places, free->splint);
+  EXPECT_GT(without, 0.3);
+  EXPECT_LT(with, 0.15);
+  EXPECT_NEAR(free->verification.freedom->deepest_mm, with, 0.1);
+  // TP itself is still held: contacts on both sides.
+  EXPECT_GT(free->verification.contacts.left_area_mm2, 0.3);
+  EXPECT_GT(free->verification.contacts.right_area_mm2, 0.3);
+}
+
+TEST(Freedom, OverTheMandibleTheMaxillaPasses) {
+  SplintInputs in = inputs();
+  in.arch = Arch::kMandible;
+  in.excursions = protrusion();
+  const auto free = designed(in);
+  ASSERT_TRUE(free.has_value()) << free.error().line();
+  std::vector<Rigid3> places;
+  for (const Rigid3& r : protrusion()) places.push_back((therapeutic().rigid * r).inverse());
+  EXPECT_LT(deepest_mm(jaws().maxilla, places, free->splint), 0.15);
 }
 
 /// Volume beside the crowns that rays along −a find in the shadow of a tooth, by random points.
