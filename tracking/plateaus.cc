@@ -93,6 +93,14 @@ Result<std::vector<Plateau>> marked(const SessionMotion& session,
   return plateaus;
 }
 
+/// Given intervals, else pedal marks; empty where there are neither.
+Result<std::vector<Plateau>> marks(const SessionMotion& session,
+                                   const std::vector<PlateauOptions::Interval>& given, const char* name,
+                                   const PlateauOptions& options, std::vector<std::string>* notes) {
+  if (!given.empty()) return marked(session, given, "given", name, options, notes);
+  return marked(session, pedal_intervals(session, name), "pedal", name, options, notes);
+}
+
 /// Information-weighted mean of rests of one position, its covariance widened where they disagree (Birge
 /// ratio).
 Uncertain<Transform<HeadFrame, Bow>> combined(const std::vector<Plateau>& plateaus) {
@@ -133,21 +141,21 @@ Closure closure_of(const JawPositions& positions, std::size_t second, const Plat
   return c;
 }
 
-/// T_B and what goes with it, from the plateaus.
-void finish(const PlateauOptions& options, JawPositions* p) {
+/// Best first by what each says of its mean; the order of time stays.
+void rank(std::vector<Plateau>* plateaus) {
+  std::vector<Plateau*> order;
+  for (Plateau& p : *plateaus) order.push_back(&p);
+  std::stable_sort(order.begin(), order.end(),
+                   [](const Plateau* a, const Plateau* b) { return a->sigma_mm < b->sigma_mm; });
+  for (std::size_t i = 0; i < order.size(); ++i) order[i]->rank = static_cast<int>(i) + 1;
+}
+
+/// The combined MI, and whether its rests close.
+void finish_mi(const PlateauOptions& options, JawPositions* p) {
+  rank(&p->mi);
   p->head_from_bow_mi = combined(p->mi);
-  p->head_from_bow_tp = combined(p->tp);
-  const auto poses = [](const Plateau& plateau, const Uncertain<Transform<HeadFrame, Bow>>& relative) {
-    return BowAndHead<Camera>{plateau.camera_from_head * relative.value, plateau.camera_from_head};
-  };
-  p->at_mi = poses(p->mi.front(), p->head_from_bow_mi);
-  p->at_tp = poses(p->tp.front(), p->head_from_bow_tp);
-  p->bow_motion.value = relative_motion(p->at_mi, p->at_tp);
-  // T_B = H0·R1·R0⁻¹·H0⁻¹ with R1 = exp(ξ1)R̂1, R0 = exp(ξ0)R̂0: ξ_B = Ad_H0 (ξ1 − Ad_{R1 R0⁻¹} ξ0).
-  const Rigid3 in_head = p->head_from_bow_tp.value.rigid * p->head_from_bow_mi.value.rigid.inverse();
-  const Matrix6 ad = adjoint(in_head), ad_head = adjoint(p->at_mi.f_from_head.rigid);
-  const Matrix6 cov = p->head_from_bow_tp.covariance + ad * p->head_from_bow_mi.covariance * ad.transpose();
-  p->bow_motion.covariance = ad_head * cov * ad_head.transpose();
+  const Plateau& first = p->mi.front();
+  p->at_mi = {first.camera_from_head * p->head_from_bow_mi.value, first.camera_from_head};
   for (std::size_t i = 1; i < p->mi.size(); ++i) {
     p->closures.push_back(closure_of(*p, i, options));
     const Closure& c = p->closures.back();
@@ -157,6 +165,21 @@ void finish(const PlateauOptions& options, JawPositions* p) {
                     "or the bite differs",
                     p->mi[i].start_s, c.distance_mm, c.angle_deg));
   }
+}
+
+/// T_B and what goes with it, from the plateaus.
+void finish(const PlateauOptions& options, JawPositions* p) {
+  finish_mi(options, p);
+  rank(&p->tp);
+  p->head_from_bow_tp = combined(p->tp);
+  const Plateau& tp = p->tp.front();
+  p->at_tp = {tp.camera_from_head * p->head_from_bow_tp.value, tp.camera_from_head};
+  p->bow_motion.value = relative_motion(p->at_mi, p->at_tp);
+  // T_B = H0·R1·R0⁻¹·H0⁻¹ with R1 = exp(ξ1)R̂1, R0 = exp(ξ0)R̂0: ξ_B = Ad_H0 (ξ1 − Ad_{R1 R0⁻¹} ξ0).
+  const Rigid3 in_head = p->head_from_bow_tp.value.rigid * p->head_from_bow_mi.value.rigid.inverse();
+  const Matrix6 ad = adjoint(in_head), ad_head = adjoint(p->at_mi.f_from_head.rigid);
+  const Matrix6 cov = p->head_from_bow_tp.covariance + ad * p->head_from_bow_mi.covariance * ad.transpose();
+  p->bow_motion.covariance = ad_head * cov * ad_head.transpose();
 }
 
 }  // namespace
@@ -204,22 +227,32 @@ Result<Plateau> plateau_between(const SessionMotion& session, double start_s, do
       steadied(mean.sample_covariance, predicted, mean.used) / mean.effective_count +
       floor_covariance(options, mean.mean * options.point_in_bow_mm);
   plateau.camera_from_head = mean_head(rows);
+  plateau.sigma_mm = std::sqrt(
+      point_covariance(plateau.head_from_bow.covariance, mean.mean * options.point_in_bow_mm).trace());
   tell_dispersion(rows, options, &plateau);
   return plateau;
 }
 
 Result<JawPositions> find_jaw_positions(const SessionMotion& session, const PlateauOptions& options) {
   JawPositions positions;
-  const auto marks = [&](const std::vector<PlateauOptions::Interval>& given, const char* name) {
-    if (!given.empty()) return marked(session, given, "given", name, options, &positions.notes);
-    return marked(session, pedal_intervals(session, name), "pedal", name, options, &positions.notes);
-  };
-  GNATHION_TRY(positions.mi, marks(options.mi_s, "MI"));
-  GNATHION_TRY(positions.tp, marks(options.tp_s, "TP"));
+  GNATHION_TRY(positions.mi, marks(session, options.mi_s, "MI", options, &positions.notes));
+  GNATHION_TRY(positions.tp, marks(session, options.tp_s, "TP", options, &positions.notes));
   if (positions.mi.empty() || positions.tp.empty()) {
-    GNATHION_CHECK_OK(label_rests(find_rests(session, options), options, &positions));
+    const std::vector<Plateau> rests = find_rests(session, options);
+    GNATHION_CHECK_OK(label_mi(rests, options, &positions));
+    GNATHION_CHECK_OK(label_tp(rests, options, &positions));
   }
   finish(options, &positions);
+  return positions;
+}
+
+Result<JawPositions> find_mi(const SessionMotion& session, const PlateauOptions& options) {
+  JawPositions positions;
+  GNATHION_TRY(positions.mi, marks(session, options.mi_s, "MI", options, &positions.notes));
+  if (positions.mi.empty()) {
+    GNATHION_CHECK_OK(label_mi(find_rests(session, options), options, &positions));
+  }
+  finish_mi(options, &positions);
   return positions;
 }
 

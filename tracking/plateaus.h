@@ -23,6 +23,8 @@ struct Plateau {
   double dispersion_mm = 0;  ///< RMS distance of single frames from the mean, at the reference point
   double dispersion_deg = 0;
   double effective_frames = 0;
+  double sigma_mm = 0;  ///< of the mean at the reference point, RMS of the axes' sum
+  int rank = 0;         ///< among the rests of its position: 1 has the least sigma
 
   /// Head at its mean, bow where it is relative to it: the head's motion inside the plateau is removed.
   BowAndHead<Camera> poses() const {
@@ -68,6 +70,9 @@ struct JawPositions {
 /// with kInput when there is no MI or no TP, naming what was looked for. A closure that is not consistent is
 /// told in `closures` and `notes`, not refused here.
 Result<JawPositions> find_jaw_positions(const SessionMotion& session, const PlateauOptions& options);
+
+/// MI alone, in the same way: `tp`, T_B and what follows from them stay empty. For recordings without a TP.
+Result<JawPositions> find_mi(const SessionMotion& session, const PlateauOptions& options);
 
 /// The mean over one interval of seconds.
 Result<Plateau> plateau_between(const SessionMotion& session, double start_s, double end_s,

@@ -10,6 +10,7 @@
 namespace gnathion {
 namespace {
 
+const char* const kWhat = "cannot find MI and TP";
 constexpr double kSamePlace_mm = 0.4, kSamePlace_deg = 0.4;  // MI is reproduced within about 0.1 mm
 
 /// A valid row and where it puts the reference point in the head frame.
@@ -85,41 +86,63 @@ std::vector<Plateau> find_rests(const SessionMotion& session, const PlateauOptio
   return rests;
 }
 
-Status label_rests(const std::vector<Plateau>& rests, const PlateauOptions& options,
-                   JawPositions* positions) {
-  const std::string what = "cannot find MI and TP", where = "session";
-  if (rests.empty()) return bad_input(what, where, "no marks, no intervals given, and the jaw never rests");
-  std::vector<std::vector<std::size_t>> places;  // rests by position, in order of first visit
+std::vector<RestPlace> rank_places(const std::vector<Plateau>& rests, const PlateauOptions& options) {
+  std::vector<RestPlace> places;
   for (std::size_t i = 0; i < rests.size(); ++i) {
-    const auto known = std::find_if(places.begin(), places.end(), [&](const auto& place) {
-      return same_place(rests[place.front()], rests[i], options);
+    auto place = std::find_if(places.begin(), places.end(), [&](const RestPlace& p) {
+      return same_place(rests[p.rests.front()], rests[i], options);
     });
-    if (known != places.end()) {
-      known->push_back(i);
-    } else {
-      places.push_back({i});
-    }
+    if (place == places.end()) place = places.insert(places.end(), RestPlace());
+    place->rests.push_back(i);
+    place->rested_s += rests[i].end_s - rests[i].start_s;
+    place->dispersion_mm += rests[i].dispersion_mm * rests[i].dispersion_mm;
   }
-  if (positions->mi.empty()) {
-    const auto most = std::max_element(places.begin(), places.end(),
-                                       [](const auto& a, const auto& b) { return a.size() < b.size(); });
-    for (const std::size_t i : *most) positions->mi.push_back(rests[i]);
-    positions->notes.push_back(fmt::format(
-        "MI was not marked: taken as the rest that is visited most often, {} times", most->size()));
-  }
-  if (positions->tp.empty()) {
-    const Plateau* longest = nullptr;
-    for (const Plateau& rest : rests) {
-      if (same_place(rest, positions->mi.front(), options)) continue;
-      if (longest == nullptr || rest.end_s - rest.start_s > longest->end_s - longest->start_s)
-        longest = &rest;
-    }
-    if (longest == nullptr) return bad_input(what, where, "no TP: every rest is at MI");
-    positions->tp.push_back(*longest);
+  for (RestPlace& p : places)
+    p.dispersion_mm = std::sqrt(p.dispersion_mm / static_cast<double>(p.rests.size()));
+  std::stable_sort(places.begin(), places.end(), [](const RestPlace& a, const RestPlace& b) {
+    if (a.rests.size() != b.rests.size()) return a.rests.size() > b.rests.size();
+    if (std::abs(a.rested_s - b.rested_s) > 0.1) return a.rested_s > b.rested_s;
+    return a.dispersion_mm < b.dispersion_mm;
+  });
+  return places;
+}
+
+Status label_mi(const std::vector<Plateau>& rests, const PlateauOptions& options, JawPositions* positions) {
+  if (!positions->mi.empty()) return {};
+  if (rests.empty())
+    return bad_input(kWhat, "session", "no marks, no intervals given, and the jaw never rests");
+  const std::vector<RestPlace> places = rank_places(rests, options);
+  for (const std::size_t i : places.front().rests) positions->mi.push_back(rests[i]);
+  positions->notes.push_back(
+      fmt::format("MI was not marked: taken as the rest that is visited most often, {} times",
+                  places.front().rests.size()));
+  if (places.size() > 1 && places[1].rests.size() == places[0].rests.size())
     positions->notes.push_back(
-        fmt::format("TP was not marked: taken as the longest rest away from MI, {:.1f}..{:.1f} s",
-                    longest->start_s, longest->end_s));
-  }
+        fmt::format("another rest, at {:.1f} s, is visited as often; MI is the one rested at longer ({:.1f} "
+                    "against {:.1f} s)",
+                    rests[places[1].rests.front()].start_s, places[0].rested_s, places[1].rested_s));
+  return {};
+}
+
+Status label_tp(const std::vector<Plateau>& rests, const PlateauOptions& options, JawPositions* positions) {
+  if (!positions->tp.empty()) return {};
+  std::vector<RestPlace> places = rank_places(rests, options);
+  places.erase(std::remove_if(places.begin(), places.end(),
+                              [&](const RestPlace& p) {
+                                return same_place(rests[p.rests.front()], positions->mi.front(), options);
+                              }),
+               places.end());
+  if (places.empty())
+    return bad_input(kWhat, "session", rests.empty() ? "no TP: the jaw never rests" : "no TP: every rest is at MI");
+  const auto longest =
+      std::max_element(places.begin(), places.end(),
+                       [](const RestPlace& a, const RestPlace& b) { return a.rested_s < b.rested_s; });
+  for (const std::size_t i : longest->rests) positions->tp.push_back(rests[i]);
+  positions->notes.push_back(fmt::format(
+      "TP was not marked: taken as the longest rest away from MI, {:.1f} s in {} visit{}, dispersion "
+      "{:.3f} mm; {} other place{}",
+      longest->rested_s, longest->rests.size(), longest->rests.size() == 1 ? "" : "s", longest->dispersion_mm,
+      places.size() - 1, places.size() == 2 ? "" : "s"));
   return {};
 }
 
