@@ -32,6 +32,8 @@ struct RigCamera {
   Rigid3 rig_from_camera;  ///< the rig's frame is the first camera's
   /// From the exposure of one row to that of the next; 0: global shutter; nothing: not known.
   std::optional<double> line_time_ns = std::nullopt;
+  /// Standard deviation of (fx + fy)/2 from the calibration: what a later check for drift compares with.
+  std::optional<double> focal_sigma_px = std::nullopt;
 };
 
 /// One square tag on a body; corners in the order of libapriltag: as the detector returns them for an
@@ -57,6 +59,8 @@ struct Rig {
 Result<Rig> read_rig(const std::filesystem::path& path);
 /// The [[camera]] entries of a RIG.toml alone; the bodies need not be there.
 Result<std::vector<RigCamera>> read_rig_cameras(const std::filesystem::path& path);
+/// One [[camera]] entry of a RIG.toml.
+std::string rig_camera_toml(const RigCamera& camera);
 /// bow.toml: name, family and [[tag]] with id and corners_mm.
 Result<TaggedBody> read_body(const std::filesystem::path& path);
 /// The same, written; `comment` stands on the first lines.

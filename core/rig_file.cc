@@ -66,6 +66,11 @@ Result<RigCamera> parse_camera(const toml::table& t, const std::string& where) {
                                  "orthogonality off by {:.2g}",
                                  *name, d.determinant, d.orthogonality));
   camera.rig_from_camera = nearest_rigid(matrix);
+  if (t.contains("focal_sigma_px")) {
+    GNATHION_TRY(camera.focal_sigma_px, number(t, "focal_sigma_px", where));
+    if (!(*camera.focal_sigma_px > 0))
+      return bad_input(kWhat, where, fmt::format("focal_sigma_px of '{}' is not positive", *name));
+  }
   if (t.contains("line_time_ns")) {
     GNATHION_TRY(camera.line_time_ns, number(t, "line_time_ns", where));
     if (!(std::abs(*camera.line_time_ns) * height <= 1e9))
@@ -102,7 +107,7 @@ std::string body_toml(const TaggedBody& body) {
   return text;
 }
 
-std::string camera_toml(const RigCamera& camera) {
+std::string camera_entry(const RigCamera& camera) {
   const CameraModel& m = camera.model;
   std::string text = fmt::format(
       "\n[[camera]]\nname = \"{}\"  # also its stream in recordings\nwidth_px = {}\nheight_px = {}\n"
@@ -114,11 +119,16 @@ std::string camera_toml(const RigCamera& camera) {
     text += fmt::format("\n  {:.17g}, {:.17g}, {:.17g}, {:.17g},", pose(r, 0), pose(r, 1), pose(r, 2),
                         pose(r, 3));
   text += "\n]\n";
+  if (camera.focal_sigma_px) text += fmt::format("focal_sigma_px = {:.4g}\n", *camera.focal_sigma_px);
   if (camera.line_time_ns) text += fmt::format("line_time_ns = {:.17g}\n", *camera.line_time_ns);
   return text;
 }
 
 }  // namespace
+
+std::string rig_camera_toml(const RigCamera& camera) {
+  return camera_entry(camera);
+}
 
 Result<TaggedBody> read_body(const fs::path& path) {
   GNATHION_TRY(const toml::table t, parse_toml(path));
@@ -178,7 +188,7 @@ Status write_rig(const fs::path& path, const Rig& rig) {
       "# (OpenCV's order), pixel (0, 0) is the centre of the upper left pixel. rig_from_camera is\n"
       "# row-major, mm; the rig's frame is the first camera's.\n"
       "bow = \"bow.toml\"\nhead_frame = \"head_frame.toml\"\n";
-  for (const RigCamera& camera : rig.cameras) text += camera_toml(camera);
+  for (const RigCamera& camera : rig.cameras) text += camera_entry(camera);
   GNATHION_CHECK_OK(write_file(path, text));
   GNATHION_CHECK_OK(write_file(path.parent_path() / "bow.toml", body_toml(rig.bow)));
   return write_file(path.parent_path() / "head_frame.toml", body_toml(rig.head_frame));
