@@ -1,0 +1,298 @@
+#include "design/bow/clutch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "design/bow/shapes.h"
+#include "design/distances.h"
+#include "design/parallel.h"
+#include "design/solid_distance.h"
+#include "occlusion/teeth.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kSpacing_mm = 0.3;
+constexpr double kBand_mm = 4.0;
+constexpr double kStep_mm = 0.5;           // of profiles along the arch
+constexpr double kTallest_mm = 8.0;        // of the clutch below the incisal edges
+constexpr double kGingivaRelief_mm = 0.9;  // what stands below the clutch keeps this, besides the gap
+constexpr double kForward_mm = 16.0;       // how far before the teeth the maxilla matters
+constexpr double kSmoothing_mm = 1.2;      // closing radius of the outer face: embrasures
+constexpr double kFar = 1e3;
+
+bool is_clutch_tooth(std::uint8_t fdi) {
+  return (fdi / 10 == 3 || fdi / 10 == 4) && fdi % 10 >= 1 && fdi % 10 <= 3;
+}
+
+}  // namespace
+
+ArcProfile::ArcProfile(double first_mm, double step_mm, std::vector<double> values)
+    : first_(first_mm), step_(step_mm), values_(std::move(values)) {}
+
+double ArcProfile::operator()(double s_mm) const {
+  const double at = std::clamp((s_mm - first_) / step_, 0.0, static_cast<double>(values_.size() - 1));
+  const auto i = std::min(static_cast<std::size_t>(at), values_.size() - 2);
+  const double f = at - static_cast<double>(i);
+  return values_[i] * (1 - f) + values_[i + 1] * f;
+}
+
+ArcProfile ArcProfile::lowered(double reach_mm) const {
+  const auto n = static_cast<std::ptrdiff_t>(values_.size());
+  const auto reach = static_cast<std::ptrdiff_t>(reach_mm / step_);
+  std::vector<double> low(values_.size()), out(values_.size());
+  const auto window = [&](std::ptrdiff_t i) {
+    return std::pair(std::max<std::ptrdiff_t>(0, i - reach), std::min(n - 1, i + reach));
+  };
+  for (std::ptrdiff_t i = 0; i < n; ++i) {
+    const auto [a, b] = window(i);
+    low[static_cast<std::size_t>(i)] = *std::min_element(values_.begin() + a, values_.begin() + b + 1);
+  }
+  for (std::ptrdiff_t i = 0; i < n; ++i) {
+    const auto [a, b] = window(i);
+    double sum = 0;
+    for (auto k = a; k <= b; ++k) sum += low[static_cast<std::size_t>(k)];
+    out[static_cast<std::size_t>(i)] = sum / static_cast<double>(b - a + 1);
+  }
+  return {first_, step_, out};
+}
+
+ArcProfile ArcProfile::raised(double reach_mm) const {
+  ArcProfile negative = *this;
+  for (double& v : negative.values_) v = -v;
+  negative = negative.lowered(reach_mm);
+  for (double& v : negative.values_) v = -v;
+  return negative;
+}
+
+struct Clutch::Terms {
+  double teeth = kFar, shadow = kFar, maxilla = kFar, below = -kFar;
+};
+
+Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
+  Clutch c;
+  c.par_ = p;
+  c.mandible_ = &scene.mandible;
+  const ArchRuler ruler(scene.lower);
+  // The incisal edge and the labial gingival margin along the arch.
+  double low = kFar, high = -kFar;
+  Box teeth;
+  for (std::size_t v = 0; v < scene.fdi.size(); ++v) {
+    if (!is_clutch_tooth(scene.fdi[v])) continue;
+    const double s = ruler.measure(scene.mandible_scan.vertices_mm[v]).s_mm;
+    low = std::min(low, s);
+    high = std::max(high, s);
+    teeth.extend(scene.mandible_scan.vertices_mm[v]);
+  }
+  if (high - low < 12)
+    return bad_input("cannot design a bow", "mandible", "the lower front teeth (43 to 33) are not there");
+  c.s_low_ = low + 0.3;
+  c.s_high_ = high - 0.3;
+  const auto bins = static_cast<std::size_t>((high - low) / kStep_mm) + 2;
+  std::vector<double> edge(bins, -kFar), margin(bins, kFar);
+  for (std::size_t v = 0; v < scene.fdi.size(); ++v) {
+    if (!is_clutch_tooth(scene.fdi[v])) continue;
+    const Vector3& q = scene.mandible_scan.vertices_mm[v];
+    const ArchCoordinates at = ruler.measure(q);
+    const auto bin = static_cast<std::size_t>(
+        std::clamp((at.s_mm - low) / kStep_mm + 0.5, 0.0, static_cast<double>(bins - 1)));
+    edge[bin] = std::max(edge[bin], q.z());
+    if (at.buccal_mm > 0.3) margin[bin] = std::min(margin[bin], q.z());
+  }
+  for (std::size_t i = 0; i < bins; ++i) {  // empty bins take their neighbours'
+    for (std::size_t k = 1; k < bins && (edge[i] < -kFar / 2 || margin[i] > kFar / 2); ++k)
+      for (const std::size_t j : {i >= k ? i - k : i, i + k < bins ? i + k : i}) {
+        if (edge[i] < -kFar / 2) edge[i] = edge[j];
+        if (margin[i] > kFar / 2) margin[i] = margin[j];
+      }
+    margin[i] = std::max(margin[i], edge[i] - kTallest_mm);
+  }
+  c.edge_ = ArcProfile(low, kStep_mm, edge);
+  c.bottom_ = ArcProfile(low, kStep_mm, margin).raised(1.0);
+  for (double& v : c.bottom_.values()) v += p.gingiva_distance_mm;
+  c.top_ = c.edge_.lowered(2.0);
+  for (double& v : c.top_.values()) v -= p.rim_below_edge_mm;
+  c.choose_withdrawal(scene, ruler);
+  c.sample(scene, teeth);
+  c.limit(scene, ruler);
+  c.find_stem(scene);
+  return c;
+}
+
+/// The mean normal of the labial surfaces, kept in the midsagittal direction.
+void Clutch::choose_withdrawal(const ClutchScene& scene, const ArchRuler& ruler) {
+  Vector3 sum = Vector3::Zero();
+  const TriangleMesh& mesh = scene.mandible_scan;
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const std::uint32_t v = mesh.triangles[t][0];
+    if (!is_clutch_tooth(scene.fdi[v])) continue;
+    const ArchCoordinates at = ruler.measure(mesh.vertices_mm[v]);
+    const double z = mesh.vertices_mm[v].z();
+    if (at.buccal_mm < 0.3 || z > top_(at.s_mm) || z < bottom_(at.s_mm)) continue;
+    const Vector3 n = face_normal_scaled(mesh, t);
+    if (n.y() < -0.3 * n.norm()) sum += n;
+  }
+  sum.x() = 0;
+  if (sum.norm() < 1e-9) return;
+  sum.normalize();
+  // Beyond 25° of tilt lips and chin are in the way.
+  const double tilt = std::clamp(std::atan2(sum.z(), -sum.y()), -0.44, 0.44);
+  withdrawal_ = {0, -std::cos(tilt), std::sin(tilt)};
+}
+
+void Clutch::sample(const ClutchScene& scene, const Box& teeth) {
+  Matrix3 axes;  // columns: grid axes told in the bow's frame
+  axes.col(2) = -withdrawal_;
+  axes.col(0) = Vector3::UnitX();
+  axes.col(1) = axes.col(2).cross(axes.col(0));
+  grid_from_bow_ = {axes.transpose(), Vector3::Zero()};
+  reach_.extend(teeth.min_mm - Vector3(6, kForward_mm, 6));
+  reach_.extend(teeth.max_mm + Vector3(6, 2, 6));
+  Box box;
+  for (int n = 0; n < 8; ++n)
+    box.extend(grid_from_bow_ * Vector3(n & 1 ? reach_.min_mm.x() : reach_.max_mm.x(),
+                                        n & 2 ? reach_.min_mm.y() : reach_.max_mm.y(),
+                                        n & 4 ? reach_.min_mm.z() : reach_.max_mm.z()));
+  GridShape shape;
+  shape.spacing_mm = kSpacing_mm;
+  shape.origin_mm = box.min_mm;
+  shape.nodes = (box.size_mm() / kSpacing_mm).cast<int>() + Eigen::Vector3i::Constant(2);
+  const Rigid3 bow_from_grid = grid_from_bow_.inverse();
+  teeth_ = sampled_distance(shape, scene.mandible, bow_from_grid, kBand_mm, OutsideEnd::kBottom);
+  shadow_ = swept_up(teeth_);
+  CoarseGrid thick = teeth_;
+  for (float& v : thick.values()) v -= static_cast<float>(par_.bonding_gap_mm + par_.clutch_thickness_mm);
+  outer_ = closed(thick, kSmoothing_mm);
+  maxilla_ = CoarseGrid(shape, static_cast<float>(kBand_mm));
+  for (const Rigid3& motion : scene.jaw_positions) {
+    const CoarseGrid one =
+        sampled_distance(shape, scene.maxilla, motion * bow_from_grid, kBand_mm, OutsideEnd::kBottom);
+    for (std::size_t i = 0; i < one.values().size(); ++i)
+      maxilla_.values()[i] = std::min(maxilla_.values()[i], one.values()[i]);
+  }
+}
+
+/// Lowers the rim where the maxilla comes near the shell, and writes the limits into a grid.
+void Clutch::limit(const ClutchScene& scene, const ArchRuler& ruler) {
+  const GridShape& shape = teeth_.shape();
+  const Rigid3 bow_from_grid = grid_from_bow_.inverse();
+  struct Node {
+    float s, buccal, z;
+  };
+  std::vector<Node> nodes(shape.size());
+  parallel_each(shape.nodes.x(), [&](int i) {
+    for (int j = 0; j < shape.nodes.y(); ++j)
+      for (int k = 0; k < shape.nodes.z(); ++k) {
+        const std::size_t n = shape.index(i, j, k);
+        const Vector3 p = bow_from_grid * shape.position(i, j, k);
+        if (std::abs(outer_.values()[n]) > 3.5f && outer_.values()[n] > 0) {
+          nodes[n] = {0, 0, static_cast<float>(kFar)};  // too far to matter
+          continue;
+        }
+        const ArchCoordinates at = ruler.measure(p);
+        nodes[n] = {static_cast<float>(at.s_mm), static_cast<float>(at.buccal_mm), static_cast<float>(p.z())};
+      }
+  });
+  const auto in_shell = [&](std::size_t n) {
+    return teeth_.values()[n] >= static_cast<float>(par_.bonding_gap_mm) - 0.15f &&
+           outer_.values()[n] <= 0.15f && shadow_.values()[n] >= -0.15f && nodes[n].z < kFar / 2 &&
+           nodes[n].buccal > -1.5f;
+  };
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    if (!in_shell(n) || maxilla_.values()[n] >= static_cast<float>(par_.maxilla_clearance_mm)) continue;
+    const double s = nodes[n].s, z = nodes[n].z;
+    if (s < s_low_ - 1 || s > s_high_ + 1) continue;
+    const auto bin = static_cast<std::size_t>(std::clamp((s - top_.first_mm()) / kStep_mm + 0.5, 0.0,
+                                                         static_cast<double>(top_.values().size() - 1)));
+    top_.values()[bin] = std::min(top_.values()[bin], z - 0.2);
+  }
+  top_ = top_.lowered(1.0);
+  limits_ = CoarseGrid(shape, static_cast<float>(kFar));
+  below_ = CoarseGrid(shape, static_cast<float>(-kFar));
+  parallel_each(shape.size(), [&](std::size_t n) {
+    if (nodes[n].z > kFar / 2) {
+      limits_.values()[n] = 10;
+      below_.values()[n] = 0;
+      return;
+    }
+    const double s = nodes[n].s, z = nodes[n].z;
+    limits_.values()[n] = static_cast<float>(
+        std::max({z - top_(s), bottom_(s) - z, s - s_high_, s_low_ - s, -1.5 - nodes[n].buccal}));
+    below_.values()[n] = static_cast<float>(bottom_(s) - z);
+  });
+  double sum = 0;
+  int count = 0;
+  for (double s = s_low_; s <= s_high_; s += kStep_mm, ++count) sum += std::max(0.0, top_(s) - bottom_(s));
+  height_ = sum / count;
+  (void)scene;
+}
+
+/// Where the stem may leave the clutch: below everything that the maxilla does before the teeth.
+void Clutch::find_stem(const ClutchScene& scene) {
+  const double mid_z = 0.5 * (top_(0) + bottom_(0));
+  const auto hit = scene.mandible.ray({0, reach_.min_mm.y() - 5, mid_z}, Vector3::UnitY(), 0, 60);
+  front_y_ = hit ? hit->point_mm.y() : 0;
+  stem_top_ = top_(0) - 0.3;
+  const GridShape& shape = maxilla_.shape();
+  const Rigid3 bow_from_grid = grid_from_bow_.inverse();
+  for (int i = 0; i < shape.nodes.x(); ++i)
+    for (int j = 0; j < shape.nodes.y(); ++j)
+      for (int k = 0; k < shape.nodes.z(); ++k) {
+        if (maxilla_.at(i, j, k) >= static_cast<float>(par_.maxilla_clearance_mm)) continue;
+        const Vector3 p = bow_from_grid * shape.position(i, j, k);
+        if (std::abs(p.x()) < 0.5 * par_.stem_width_mm + 0.6 && p.y() < front_y_ + 0.5)
+          stem_top_ = std::min(stem_top_, p.z() - 0.2);
+      }
+}
+
+Clutch::Terms Clutch::terms_at(const Vector3& p) const {
+  Terms t;
+  if (!near(p)) return t;
+  const GridCell cell = located(teeth_.shape(), grid_from_bow_ * p);
+  t.teeth = teeth_.linear(cell);
+  t.shadow = shadow_.linear(cell);
+  t.maxilla = maxilla_.linear(cell);
+  t.below = below_.linear(cell);
+  return t;
+}
+
+double Clutch::room_of(const Terms& t) const {
+  // Below the clutch, over the gingiva, the gap grows.
+  const double gap = par_.bonding_gap_mm + kGingivaRelief_mm * std::clamp(t.below / 1.0, 0.0, 1.0);
+  const double engagement = std::max(0.0, par_.engagement_mm - 0.05);  // the grid's own error is kept back
+  return std::max({gap - t.teeth, -(t.shadow + engagement), par_.maxilla_clearance_mm - t.maxilla});
+}
+
+double Clutch::shell_mm(const Vector3& p) const {
+  const double apart = (reach_.min_mm - p).cwiseMax(p - reach_.max_mm).cwiseMax(0.0).norm();
+  if (apart > 0) return std::max(apart, 1.0);
+  const Vector3 g = grid_from_bow_ * p;
+  return shape::meet(outer_.smooth(g), limits_.smooth(g), 0.6);
+}
+
+double Clutch::room_estimate_mm(const Vector3& p) const {
+  return near(p) ? room_of(terms_at(p)) : -kFar;
+}
+
+void Clutch::room_exact_mm(const std::vector<Vector3>& points, std::vector<double>& out) const {
+  std::vector<Terms> terms;
+  std::vector<SolidGroup::Point> ask;
+  std::vector<std::size_t> whose;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    terms.push_back(terms_at(points[i]));
+    if (terms.back().teeth > 2.0) continue;
+    SolidGroup::Point q;
+    q.p_mm = points[i];
+    q.reach_mm = std::abs(terms.back().teeth) + 0.6;
+    ask.push_back(q);
+    whose.push_back(i);
+  }
+  if (!ask.empty()) SolidGroup(*mandible_).measure(ask);
+  for (std::size_t n = 0; n < ask.size(); ++n)
+    if (ask[n].found) terms[whose[n]].teeth = ask[n].distance.distance_mm;
+  out.resize(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) out[i] = near(points[i]) ? room_of(terms[i]) : -kFar;
+}
+
+}  // namespace gnathion
