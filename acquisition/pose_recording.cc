@@ -21,7 +21,7 @@ foxglove::FrameTransform pose_message(const std::string& body, const PoseRecord&
   foxglove::FrameTransform m;
   m.mutable_timestamp()->set_seconds(r.capture.ns / 1'000'000'000);
   m.mutable_timestamp()->set_nanos(static_cast<int>(r.capture.ns % 1'000'000'000));
-  m.set_parent_frame_id("camera");
+  m.set_parent_frame_id(r.parent);
   m.set_child_frame_id(body);
   const Vector3& t = r.camera_from_body.translation_mm;
   m.mutable_translation()->set_x(t.x());
@@ -124,6 +124,7 @@ Status take(const McapMessage& m, const std::string& where,
       if (pose == poses.end() || s.covariance_size() != 36)
         return bad_input(kWhat, where, "a valid frame of '" + s.body() + "' has no pose");
       r.camera_from_body = rigid_from(pose->second);
+      r.parent = pose->second.parent_frame_id();
       for (int i = 0; i < 36; ++i) r.covariance(i / 6, i % 6) = s.covariance(i);
       poses.erase(pose);
     }

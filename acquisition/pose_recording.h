@@ -21,7 +21,8 @@ struct PoseRecord {
   HostTime capture;
   bool valid = false;
   std::string reason;       ///< why not valid
-  Rigid3 camera_from_body;  ///< mm
+  Rigid3 camera_from_body;  ///< mm; from the frame that `parent` names
+  std::string parent = "camera";
   Matrix6 covariance = Matrix6::Zero();
   double rms_px = 0;
   int tags = 0;
@@ -29,6 +30,7 @@ struct PoseRecord {
 
 struct PoseRecording {
   std::map<std::string, std::vector<PoseRecord>> bodies;  ///< "bow", "head_frame"; one row per camera frame
+  // "bow_smoothed", in parent "head_frame": the smoothed motion, a second channel beside the raw one.
   std::vector<EventSample> events;
   HostTime start;  ///< time 0 of the session
 };

@@ -42,16 +42,18 @@ struct ChosenCommand {
 void finish_command(CLI::App& command, ChosenCommand& chosen, CommandBody body, bool writes = true);
 
 void add_demo_commands(CLI::App& app, ChosenCommand& chosen);       // demo, phantom
-void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording info|verify|recover, track
+void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording info|verify|recover|capture
 void add_exchange_commands(CLI::App& recording, ChosenCommand& chosen);  // recording import|export
 void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion
+void add_calibrate_commands(CLI::App& calibrate, ChosenCommand& chosen);  // calibrate camera|rig|time
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
 void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
 void add_virtual_print_command(CLI::App& evaluate, ChosenCommand& chosen);  // under evaluate
 void add_position_commands(CLI::App& evaluate, ChosenCommand& chosen);      // under evaluate: discrepancy, registration-object
 
-void add_motion_commands(CLI::App& app, ChosenCommand& chosen);             // motion analyse
+void add_motion_commands(CLI::App& app, ChosenCommand& chosen);             // track, motion analyse
+void add_calibrate_sensor_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 
 /// Refuses (kUsage) an output file that exists unless forced, whose folder does not exist, or that is one of
 /// the `inputs`, forced or not.

@@ -1,15 +1,12 @@
-// recording info|verify|recover|capture, track.
+// recording info|verify|recover|capture.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "acquisition/pose_recording.h"
 #include "acquisition/recording.h"
 #include "cli/capture_command.h"
 #include "cli/command.h"
-#include "core/file.h"
-#include "pipeline/motion_steps.h"
 
 namespace gnathion {
 namespace {
@@ -116,45 +113,6 @@ void add_recover(CLI::App& recording, ChosenCommand& chosen) {
       });
 }
 
-json track_json(const SessionMotion& s) {
-  std::size_t valid = 0;
-  for (const MotionRow& row : s.rows) valid += row.valid();
-  return {{"frames", s.rows.size()}, {"valid", valid}, {"full_searches", s.full_searches}};
-}
-
-void add_track(CLI::App& app, ChosenCommand& chosen) {
-  struct Options {
-    std::string recording, rig, out, csv;
-  };
-  auto o = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("track", "find bow and head frame in every frame of a recording");
-  command->add_option("--recording", o->recording, "recording (.mcap)")->required();
-  command->add_option("--rig", o->rig, "cameras and bodies (RIG.toml)")->required();
-  command->add_option("--out", o->out, "poses over time (.mcap)")->required();
-  command->add_option("--csv", o->csv, "the bow's motion in the head frame as a table");
-  finish_command(
-      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_CHECK_OK(may_write(o->out, common, {o->recording, o->rig}));
-        if (!o->csv.empty()) GNATHION_CHECK_OK(may_write(o->csv, common, {o->recording, o->rig}));
-        if (o->csv == o->out)
-          return fail(ErrorCode::kUsage, "cannot write", o->csv, "is also the other output");
-        GNATHION_TRY(const Rig rig, read_rig(o->rig));
-        progress.begin_step("tracking", 1.0);
-        GNATHION_TRY(const SessionMotion session, track_recording(o->recording, rig, progress));
-        GNATHION_TRY(const std::string rig_text, read_file(o->rig));
-        GNATHION_CHECK_OK(write_poses(o->out, to_pose_recording(session), {{"rig.toml", rig_text}}));
-        if (!o->csv.empty()) {
-          std::optional<Transform<HeadFrame, Bow>> mi;
-          if (const auto positions = find_jaw_positions(session, {})) mi = positions->head_from_bow_mi.value;
-          GNATHION_CHECK_OK(write_motion_csv(o->csv, jaw_motion(session, mi, std::nullopt)));
-        }
-        const json j = track_json(session);
-        return CommandOutput{fmt::format("{} frames, {} with bow and head frame\n",
-                                         j["frames"].get<std::size_t>(), j["valid"].get<std::size_t>()),
-                             j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
-      });
-}
-
 }  // namespace
 
 void add_recording_commands(CLI::App& app, ChosenCommand& chosen) {
@@ -164,7 +122,6 @@ void add_recording_commands(CLI::App& app, ChosenCommand& chosen) {
   add_recover(*recording, chosen);
   add_capture(*recording, chosen);
   add_exchange_commands(*recording, chosen);
-  add_track(app, chosen);
 }
 
 }  // namespace gnathion

@@ -138,7 +138,8 @@ void add_transform_motion(CLI::App& transform, ChosenCommand& chosen) {
         GNATHION_TRY(const PoseRecording poses, read_poses(o->motion));
         GNATHION_TRY(const SessionMotion session, to_session_motion(poses, o->motion));
         GNATHION_TRY(const json chain_file, read_json(o->calibration));
-        GNATHION_TRY(const Chain chain, chain_from_json(chain_file, o->calibration));
+        GNATHION_TRY(Chain chain, chain_from_json(chain_file, o->calibration));
+        chain.bow_from_dental.covariance += mount_covariance(session);  // of an electromagnetic sensor
         GNATHION_TRY(const CameraRoute route, camera_route(session, chain.bow_from_dental, plateaus));
         if (!route.positions.closes() && !o->accept_slip)
           return fail(ErrorCode::kGate, "MI does not close", o->motion,
@@ -156,8 +157,10 @@ void add_transform_motion(CLI::App& transform, ChosenCommand& chosen) {
 void add_transform_commands(CLI::App& app, ChosenCommand& chosen) {
   CLI::App* calibrate = app.add_subcommand("calibrate", "solve for poses that link the instruments");
   calibrate->require_subcommand(1);
+  add_calibrate_sensor_command(*calibrate, chosen);
   add_calibrate_chain(*calibrate, chosen);
   add_calibrate_bow_command(*calibrate, chosen);
+  add_calibrate_commands(*calibrate, chosen);
   CLI::App* transform = app.add_subcommand("transform", "the therapeutic transformation T_th");
   transform->require_subcommand(1);
   add_transform_scans(*transform, chosen);

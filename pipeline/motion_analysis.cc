@@ -187,7 +187,8 @@ Result<JawRecording> recording_of(const MotionAnalysisJob& job, const JawLandmar
   options.point_in_bow_mm = chain.t_d() * landmarks.incisal_mm;
   GNATHION_TRY(const JawPositions positions, find_mi(session, options));
   *notes = positions.notes;
-  return jaw_recording(session, positions.head_from_bow_mi, {chain.t_d(), chain.bow_from_dental.covariance});
+  return jaw_recording(session, positions.head_from_bow_mi,
+                       {chain.t_d(), chain.bow_from_dental.covariance + mount_covariance(session)});
 }
 
 }  // namespace

@@ -38,13 +38,27 @@ Result<SessionMotion> track_recording(const std::filesystem::path& recording, co
   return track_session(*source, rig, options, progress);
 }
 
-PoseRecording to_pose_recording(const SessionMotion& session) {
+PoseRecording to_pose_recording(const SessionMotion& session, const SmoothedMotion* smoothed) {
   PoseRecording poses;
   poses.start = session.start;
   poses.events = session.events;
   for (const MotionRow& row : session.rows) {
     poses.bodies["bow"].push_back(record_of(row, row.bow));
     poses.bodies["head_frame"].push_back(record_of(row, row.head));
+  }
+  if (smoothed == nullptr) return poses;
+  for (std::size_t i = 0; i < session.rows.size(); ++i) {
+    const MotionRow& raw = session.rows[i];
+    const SmoothedRow& row = smoothed->rows[i];
+    PoseRecord r;
+    r.parent = HeadFrame::name;
+    r.sequence = raw.sequence;
+    r.capture = raw.capture;
+    r.valid = row.valid;
+    r.reason = row.valid ? "" : raw.reason();
+    r.camera_from_body = row.head_from_bow.rigid;
+    r.covariance = row.covariance;
+    poses.bodies["bow_smoothed"].push_back(std::move(r));
   }
   return poses;
 }

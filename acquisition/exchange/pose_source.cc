@@ -15,7 +15,7 @@ class PoseSource : public Source {
       for (const PoseRecord& r : rows) {
         PoseSample s;
         s.header = {body, r.sequence, r.capture, r.capture, {0}};
-        s.reference = "camera";
+        s.reference = r.parent;
         s.body = body;
         s.valid = r.valid;
         s.reason = r.reason;
