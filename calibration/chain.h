@@ -1,14 +1,19 @@
 // The chain that brings a recorded motion to the teeth: T_D, T_F, T and T_B from scans, solved together.
 //
-//   clutch scan ─ teeth ─→ mandible in MI (Dental)      bow_from_dental = T_D
+//   clutch scans ─ teeth ─→ mandible in MI (Dental)      bow_from_dental = T_D
 //        └─ clutch ─→ bow model (Bow)
-//   face scan MI ─ bow ─→ bow model                      bow_from_face = T_F
-//   face scan TP ─ bow ─→ bow model                      bow_from_face_tp
-//        └─ head frame, upper face ─→ face scan MI    face_mi_from_face_tp
+//   face scans MI ─ bow ─→ bow model                      bow_from_face = T_F
+//   face scans TP ─ bow ─→ bow model                      bow_from_face_tp
+//        └─ head frame, upper face ─→ each other          face_mi_from_face_tp
+//   tracker ─→ bow in the head frame, at MI and at TP      (K = H⁻¹·M)
 //
 //   T = T_D⁻¹·T_F,  T_B = face_mi_from_face_tp · bow_from_face_tp⁻¹ · T_F,  T_th = T·T_B·T⁻¹.
+//
+// Repeated scans share what is the same in them: all clutch scans T_D, all face scans in MI the bow's pose in
+// the head, all in TP that in TP. What is told is of the first scan of each kind.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,19 +27,27 @@ namespace gnathion {
 
 /// Each surface in its own frame, millimetres.
 struct ChainScans {
-  TriangleMesh mandible_mi;  ///< Dental
-  TriangleMesh clutch_scan;  ///< ClutchScan: lower teeth with the clutch on
-  TriangleMesh bow_model;    ///< Bow: the CAD surface, clutch and stem included
-  TriangleMesh face_mi;      ///< FaceScanMi; may be empty, together with face_tp: then only T_D is solved
-  TriangleMesh face_tp;      ///< FaceScanTp
-  /// HeadFrame: the CAD surface of the head frame that both face scans show; may be empty. Without it the
+  TriangleMesh mandible_mi;                ///< Dental
+  std::vector<TriangleMesh> clutch_scans;  ///< lower teeth with the clutch on; the first is ClutchScan
+  TriangleMesh bow_model;                  ///< Bow: the CAD surface, clutch and stem included
+  /// With the bow on, in MI and in TP; the first are FaceScanMi and FaceScanTp. None of either: only T_D is
+  /// solved.
+  std::vector<TriangleMesh> faces_mi, faces_tp;
+  /// HeadFrame: the CAD surface of the head frame that all face scans show; may be empty. Without it the
   /// head is found by the face alone, whose soft parts shift by tenths of a millimetre.
   TriangleMesh head_frame_model;
+};
+
+/// What a tracker saw of the bow in the head frame; takes part in the same problem as the face scans.
+struct TrackedPositions {
+  Uncertain<Transform<HeadFrame, Bow>> head_from_bow_mi, head_from_bow_tp;
 };
 
 struct ChainOptions {
   /// 1σ of each scanner's relative scale; enters the covariances.
   double scan_scale_sigma = 5e-4;
+  /// Only with face scans: without them the tracker's poses have nothing to agree with.
+  std::optional<TrackedPositions> tracked;
   std::uint64_t seed = 1;
 };
 
@@ -44,8 +57,8 @@ struct ChainPose {
   Matrix6 covariance = Matrix6::Zero();  ///< left perturbation, rad and mm
   double rms_mm = 0.0;
   double held_out_mm = 0.0;
-  double condition = 0.0;
-  std::vector<std::string> weak;
+  double condition = 0.0;  ///< of the information, lengths scaled by the body's radius, about its centre
+  std::vector<std::string> weak;  ///< "rotation about the bow's long axis is weak: 0.40 deg"
 };
 
 /// The poses that are estimated from surfaces, in the order of the joint covariance.
@@ -68,6 +81,8 @@ struct Chain {
   /// By name, one line each: "face scan in MI too coarse for T_F: …". The chain stands all the same: its
   /// covariance is as wide as the scans ask.
   std::vector<std::string> warnings;
+  /// What was not given, and what is therefore unknown or weaker, one line each.
+  std::vector<std::string> missing;
 
   Transform<Bow, Dental> t_d() const { return Transform<Bow, Dental>(bow_from_dental.value); }
   Transform<Bow, FaceScanMi> t_f() const { return Transform<Bow, FaceScanMi>(bow_from_face.value); }

@@ -90,7 +90,8 @@ json chain_json(const Chain& chain) {
   json j = {{"kind", "chain"},
             {"unit", "mm"},
             {"bow_from_dental", pose_json(chain.bow_from_dental)},
-            {"warnings", chain.warnings}};
+            {"warnings", chain.warnings},
+            {"missing", chain.missing}};
   if (!chain.has_faces) return j;
   j["bow_from_face"] = pose_json(chain.bow_from_face);
   j["bow_from_face_tp"] = pose_json(chain.bow_from_face_tp);

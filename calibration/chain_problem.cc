@@ -3,11 +3,12 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 
+#include "calibration/chain_score.h"
 #include "calibration/se3_manifold.h"
 
 namespace gnathion {
@@ -16,117 +17,6 @@ namespace {
 constexpr int kRounds = 12;
 constexpr double kStill_mm = 2e-4;  // of a pose between rounds, at the term's points
 constexpr std::size_t kLeastPairs = 100;
-
-using RowMatrix67 = Eigen::Matrix<double, 6, 7, Eigen::RowMajor>;
-
-/// ∂(left perturbation of the term's pose)/∂(left perturbation of poses[left], poses[right]).
-/// X = A⁻¹B: exp(b) on B moves X by Ad_{A⁻¹}b, exp(a) on A by −Ad_{A⁻¹}a.
-struct TermJacobians {
-  Matrix6 by_left = Matrix6::Zero(), by_right = Matrix6::Identity();
-};
-TermJacobians term_jacobians(const SurfaceTerm& term, const std::vector<Rigid3>& poses) {
-  TermJacobians j;
-  if (!term.left) return j;
-  j.by_right = adjoint(poses[static_cast<std::size_t>(*term.left)].inverse());
-  j.by_left = -j.by_right;
-  return j;
-}
-
-/// How the residual changes with the scale of its source and of its surface.
-double by_source_scale(const SurfaceTerm& term, const PlanePair& p, const Rigid3& x) {
-  return -p.normal.dot(x.rotation * (p.source_mm - term.scale_centre_mm));
-}
-double by_surface_scale(const SurfaceTerm& term, const PlanePair& p) {
-  return p.normal.dot(p.target_mm - term.surface_scale_centre_mm);
-}
-
-/// All residuals of one term, √w·(n·(X p − q) + scales)/σ, with weights held for the round. The pairs are
-/// corrected for the scales before (see associate_term); the parameters here are what is left. Blocks:
-/// poses[left] if any, poses[right], then the scales of the term's scanners (one block if they are one).
-class TermCost final : public ceres::CostFunction {
- public:
-  explicit TermCost(const SurfaceTerm& term) : term_(term) {
-    for (const PlanePair& p : term.pairs) {
-      if (p.weight > 0.0) used_.push_back(&p);
-    }
-    set_num_residuals(static_cast<int>(used_.size()));
-    if (term.left) mutable_parameter_block_sizes()->push_back(7);
-    mutable_parameter_block_sizes()->push_back(7);
-    for (std::size_t k = 0; k < scanners_of(term).size(); ++k) mutable_parameter_block_sizes()->push_back(1);
-  }
-
-  static std::vector<int> scanners_of(const SurfaceTerm& term) {
-    std::vector<int> out;
-    if (term.scanner >= 0) out.push_back(term.scanner);
-    if (term.surface_scanner >= 0 && term.surface_scanner != term.scanner)
-      out.push_back(term.surface_scanner);
-    return out;
-  }
-
-  /// ∂residual/∂scale of scanner `scanner`.
-  static double by_scale(const SurfaceTerm& term, int scanner, const PlanePair& p, const Rigid3& x) {
-    double d = 0.0;
-    if (term.scanner == scanner) d += by_source_scale(term, p, x);
-    if (term.surface_scanner == scanner) d += by_surface_scale(term, p);
-    return d;
-  }
-
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const bool two = term_.left.has_value();
-    const Rigid3 a = two ? rigid_from_parameters(parameters[0]) : Rigid3::identity();
-    const std::size_t right = two ? 1 : 0;
-    const Rigid3 x = a.inverse() * rigid_from_parameters(parameters[right]);
-    const std::vector<int> scanners = scanners_of(term_);
-    // Ceres multiplies by the manifold's PlusJacobian; MinusJacobian is its left inverse.
-    RowMatrix67 lift_left = RowMatrix67::Zero(), lift_right = RowMatrix67::Zero();
-    const Se3Manifold manifold;
-    if (jacobians != nullptr) {
-      const Matrix6 by_right = adjoint(a.inverse());
-      if (two) manifold.MinusJacobian(parameters[0], lift_left.data());
-      manifold.MinusJacobian(parameters[right], lift_right.data());
-      lift_left = -by_right * lift_left;
-      lift_right = by_right * lift_right;
-    }
-    using Row7 = Eigen::Matrix<double, 1, 7>;
-    for (std::size_t i = 0; i < used_.size(); ++i) {
-      const PlanePair& p = *used_[i];
-      const double factor = std::sqrt(p.weight) / term_.scale_mm;
-      double residual = p.residual_mm(x);
-      for (std::size_t k = 0; k < scanners.size(); ++k) {
-        const double d = by_scale(term_, scanners[k], p, x);
-        const double known = scanners[k] == term_.scanner ? term_.source_scale : term_.surface_scale;
-        residual += d * (parameters[right + 1 + k][0] - known);
-        if (jacobians != nullptr && jacobians[right + 1 + k] != nullptr)
-          jacobians[right + 1 + k][i] = factor * d;
-      }
-      residuals[i] = factor * residual;
-      if (jacobians == nullptr) continue;
-      const Vector6 j = factor * p.jacobian(x);
-      if (two && jacobians[0] != nullptr) Eigen::Map<Row7>(jacobians[0] + 7 * i) = j.transpose() * lift_left;
-      if (jacobians[right] != nullptr)
-        Eigen::Map<Row7>(jacobians[right] + 7 * i) = j.transpose() * lift_right;
-    }
-    return true;
-  }
-
- private:
-  const SurfaceTerm& term_;
-  std::vector<const PlanePair*> used_;
-};
-
-/// The scanner's promise about its scale: s/σ.
-class ScalePrior final : public ceres::SizedCostFunction<1, 1> {
- public:
-  explicit ScalePrior(double sigma) : sigma_(sigma) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = parameters[0][0] / sigma_;
-    if (jacobians != nullptr && jacobians[0] != nullptr) jacobians[0][0] = 1.0 / sigma_;
-    return true;
-  }
-
- private:
-  double sigma_;
-};
 
 /// Mean residuals of the term's pairs by patches, and what weight a patch has.
 class PatchWeights {
@@ -191,127 +81,164 @@ void associate_term(SurfaceTerm& term, const ChainSolution& at) {
   if (term.patch_scale_mm > 0.0) PatchWeights(term.pairs, x, term.patch_scale_mm).apply(term.pairs);
 }
 
-struct Parameters {
-  std::vector<PoseParameters> poses;
-  std::vector<double> scales;
-  Se3Manifold manifold;
-};
-
-void build(ceres::Problem& problem, Parameters& parameters, const ChainSolution& at,
-           const std::vector<SurfaceTerm>& terms, const std::vector<double>& scale_sigmas) {
-  for (const Rigid3& pose : at.poses) parameters.poses.push_back(pose_parameters(pose));
-  parameters.scales = at.scales;
-  for (PoseParameters& block : parameters.poses) {
-    problem.AddParameterBlock(block.data(), 7, &parameters.manifold);
+Status associate_all(std::vector<SurfaceTerm>& terms, const ChainSolution& at) {
+  for (SurfaceTerm& term : terms) {
+    associate_term(term, at);
+    const auto used = std::count_if(term.pairs.begin(), term.pairs.end(),
+                                    [](const PlanePair& p) { return p.weight > 0.0; });
+    if (used < static_cast<long>(kLeastPairs))
+      return bad_input("cannot solve chain", term.name,
+                       fmt::format("only {} points of the scan lie on the surface", used));
   }
-  for (std::size_t k = 0; k < parameters.scales.size(); ++k) {
-    problem.AddResidualBlock(new ScalePrior(scale_sigmas[k]), nullptr, &parameters.scales[k]);
-  }
-  for (const SurfaceTerm& term : terms) {
-    std::vector<double*> blocks;
-    if (term.left) blocks.push_back(parameters.poses[static_cast<std::size_t>(*term.left)].data());
-    blocks.push_back(parameters.poses[static_cast<std::size_t>(term.right)].data());
-    for (const int k : TermCost::scanners_of(term))
-      blocks.push_back(&parameters.scales[static_cast<std::size_t>(k)]);
-    problem.AddResidualBlock(new TermCost(term), nullptr, blocks);
-  }
-}
-
-ceres::Problem::Options problem_options() {
-  ceres::Problem::Options options;
-  options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  return options;
-}
-
-/// One round: fixed correspondences and weights.
-Status solve_round(ChainSolution& at, const std::vector<SurfaceTerm>& terms,
-                   const std::vector<double>& scale_sigmas) {
-  ceres::Problem problem(problem_options());
-  Parameters parameters;
-  build(problem, parameters, at, terms, scale_sigmas);
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = 12;
-  options.num_threads = 1;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  if (!summary.IsSolutionUsable()) {
-    return fail(ErrorCode::kInternal, "cannot solve", "chain", summary.message);
-  }
-  for (std::size_t i = 0; i < at.poses.size(); ++i)
-    at.poses[i] = rigid_from_parameters(parameters.poses[i].data());
-  at.scales = parameters.scales;
   return {};
 }
 
-/// Inverse of the joint information matrix of poses (tangent space) and scales.
-Result<Eigen::MatrixXd> inverse_information(const ChainSolution& at, const std::vector<SurfaceTerm>& terms,
-                                            const std::vector<double>& scale_sigmas) {
-  ceres::Problem problem(problem_options());
-  Parameters parameters;
-  build(problem, parameters, at, terms, scale_sigmas);
-  ceres::Covariance::Options options;
-  options.algorithm_type = ceres::DENSE_SVD;
-  options.num_threads = 1;
-  ceres::Covariance covariance(options);
-  std::vector<const double*> blocks;
-  for (const PoseParameters& block : parameters.poses) blocks.push_back(block.data());
-  for (const double& scale : parameters.scales) blocks.push_back(&scale);
-  if (!covariance.Compute(blocks, &problem)) {
-    return bad_input("cannot solve", "chain", "the surfaces leave a direction of the chain undetermined");
+/// The problem as Ceres has it, around one solution.
+class JointProblem {
+ public:
+  JointProblem(const ChainProblem& given, const ChainSolution& at, const std::vector<TermScore>& scores)
+      : problem_(options()), scales_(at.scales) {
+    for (const Rigid3& pose : at.poses) poses_.push_back(pose_parameters(pose));
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      problem_.AddParameterBlock(poses_[i].data(), 7, &manifold_);
+      if (!given.fixed.empty() && given.fixed[i]) problem_.SetParameterBlockConstant(poses_[i].data());
+    }
+    for (std::size_t k = 0; k < scales_.size(); ++k)
+      problem_.AddResidualBlock(new ScalePrior(given.scale_sigmas[k]), nullptr, &scales_[k]);
+    for (std::size_t i = 0; i < given.terms.size(); ++i) {
+      const SurfaceTerm& term = given.terms[i];
+      std::vector<double*> blocks;
+      if (term.left) blocks.push_back(poses_[static_cast<std::size_t>(*term.left)].data());
+      blocks.push_back(poses_[static_cast<std::size_t>(term.right)].data());
+      for (const int k : scores[i].scanners) blocks.push_back(&scales_[static_cast<std::size_t>(k)]);
+      problem_.AddResidualBlock(new ScoreCost(scores[i], term.left.has_value()), nullptr, blocks);
+    }
+    for (const KnownPose& known : given.known)
+      problem_.AddResidualBlock(new KnownPoseCost(known), nullptr,
+                                poses_[static_cast<std::size_t>(known.pose)].data());
   }
-  const auto n = static_cast<long>(6 * at.poses.size() + at.scales.size());
-  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> out(n, n);
-  covariance.GetCovarianceMatrixInTangentSpace(blocks, out.data());
-  return Eigen::MatrixXd(out);
-}
 
-/// H⁻¹·(covariance of the scores)·H⁻¹ of poses and scales, with noise that is correlated over the surfaces.
-Eigen::MatrixXd robust_covariance(const Eigen::MatrixXd& bread, const ChainSolution& at,
-                                  const std::vector<SurfaceTerm>& terms,
-                                  const std::vector<double>& scale_sigmas) {
-  const auto pose_rows = static_cast<long>(6 * at.poses.size());
-  Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(bread.rows(), bread.cols());
-  for (std::size_t k = 0; k < scale_sigmas.size(); ++k) {
-    meat(pose_rows + static_cast<long>(k), pose_rows + static_cast<long>(k)) +=
-        1.0 / (scale_sigmas[k] * scale_sigmas[k]);
+  Status solve(ChainSolution& out) {
+    ceres::Solver::Options options;
+    options.linear_solver_type = ceres::DENSE_QR;
+    options.max_num_iterations = 20;
+    options.num_threads = 1;
+    options.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, &problem_, &summary);
+    if (!summary.IsSolutionUsable())
+      return fail(ErrorCode::kInternal, "cannot solve", "chain", summary.message);
+    for (std::size_t i = 0; i < poses_.size(); ++i) out.poses[i] = rigid_from_parameters(poses_[i].data());
+    out.scales = scales_;
+    return {};
   }
-  for (const SurfaceTerm& term : terms) {
-    const Rigid3 x = pose_of(term, at.poses);
-    const std::vector<int> scanners = TermCost::scanners_of(term);
-    // The term's own unknowns: its pose, then its scanners' scales.
-    const long own = 6 + static_cast<long>(scanners.size());
-    ScoreRows rows(own, static_cast<long>(term.pairs.size()));
-    for (std::size_t i = 0; i < term.pairs.size(); ++i) {
-      const PlanePair& p = term.pairs[i];
-      const auto column = static_cast<long>(i);
-      rows.col(column).head<6>() = p.jacobian(x);
-      for (std::size_t k = 0; k < scanners.size(); ++k) {
-        rows(6 + static_cast<long>(k), column) = TermCost::by_scale(term, scanners[k], p, x);
-      }
-    }
-    Eigen::MatrixXd map = Eigen::MatrixXd::Zero(own, bread.rows());
-    const TermJacobians j = term_jacobians(term, at.poses);
-    if (term.left) map.block<6, 6>(0, 6 * *term.left) = j.by_left;
-    map.block<6, 6>(0, 6 * term.right) = j.by_right;
-    for (std::size_t k = 0; k < scanners.size(); ++k) {
-      map(6 + static_cast<long>(k), pose_rows + scanners[k]) = 1.0;
-    }
-    const double s2 = term.scale_mm * term.scale_mm;
-    meat += map.transpose() * score_covariance(term.pairs, rows, term.noise) * map / (s2 * s2);
+
+  /// JᵀJ over the tangent spaces of all poses, then the scales; rows of fixed poses are zero.
+  Eigen::MatrixXd information() {
+    ceres::Problem::EvaluateOptions evaluate;
+    for (PoseParameters& pose : poses_) evaluate.parameter_blocks.push_back(pose.data());
+    for (double& scale : scales_) evaluate.parameter_blocks.push_back(&scale);
+    ceres::CRSMatrix crs;
+    problem_.Evaluate(evaluate, nullptr, nullptr, nullptr, &crs);
+    const auto n = static_cast<long>(6 * poses_.size() + scales_.size());
+    Eigen::MatrixXd jacobian = Eigen::MatrixXd::Zero(crs.num_rows, n);
+    for (int r = 0; r < crs.num_rows; ++r)
+      for (int k = crs.rows[static_cast<std::size_t>(r)]; k < crs.rows[static_cast<std::size_t>(r) + 1]; ++k)
+        jacobian(r, crs.cols[static_cast<std::size_t>(k)]) = crs.values[static_cast<std::size_t>(k)];
+    return jacobian.transpose() * jacobian;
   }
-  const Eigen::MatrixXd covariance = (bread * meat * bread).topLeftCorner(pose_rows, pose_rows);
-  return 0.5 * (covariance + covariance.transpose());
+
+ private:
+  static ceres::Problem::Options options() {
+    ceres::Problem::Options o;
+    o.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return o;
+  }
+  Se3Manifold manifold_;
+  ceres::Problem problem_;
+  std::vector<PoseParameters> poses_;
+  std::vector<double> scales_;
+};
+
+/// Scores with the noise that `noise` (by term) carries; empty: as if residuals were independent.
+std::vector<TermScore> scores_at(const std::vector<SurfaceTerm>& terms, const ChainSolution& at,
+                                 const std::vector<Eigen::MatrixXd>& noise) {
+  std::vector<TermScore> scores;
+  for (std::size_t i = 0; i < terms.size(); ++i) {
+    scores.push_back(score_of(terms[i], pose_of(terms[i], at.poses)));
+    if (!noise.empty()) scores.back().noise = noise[i];
+  }
+  return scores;
 }
 
 double largest_move_mm(const SurfaceTerm& term, const Rigid3& before, const Rigid3& after) {
   double largest = 0.0;
-  for (std::size_t i = 0; i < term.fitted.size(); i += 97) {
+  for (std::size_t i = 0; i < term.fitted.size(); i += 97)
     largest =
         std::max(largest, (before * term.fitted.points_mm[i] - after * term.fitted.points_mm[i]).norm());
-  }
   return largest;
+}
+
+Status settle(ChainProblem& problem, const std::vector<Eigen::MatrixXd>& noise, double still_mm,
+              ChainSolution& solution) {
+  for (int round = 0; round < kRounds; ++round) {
+    GNATHION_CHECK_OK(associate_all(problem.terms, solution));
+    const std::vector<Rigid3> before = solution.poses;
+    JointProblem joint(problem, solution, scores_at(problem.terms, solution, noise));
+    GNATHION_CHECK_OK(joint.solve(solution));
+    double moved_mm = 0.0;
+    for (const SurfaceTerm& term : problem.terms)
+      moved_mm =
+          std::max(moved_mm, largest_move_mm(term, pose_of(term, before), pose_of(term, solution.poses)));
+    if (moved_mm < still_mm) break;
+  }
+  return {};
+}
+
+/// Terms of one pool share what their residuals say about their noise.
+std::vector<Eigen::MatrixXd> noise_of(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>& poses) {
+  std::map<int, std::vector<FitResiduals>> pools;
+  for (const SurfaceTerm& term : terms) pools[term.noise_pool].push_back({&term.pairs, pose_of(term, poses)});
+  for (const auto& [pool, fits] : pools) {
+    const ResidualNoise noise = estimate_noise(fits);
+    for (SurfaceTerm& term : terms)
+      if (term.noise_pool == pool) term.noise = noise;
+  }
+  std::vector<Eigen::MatrixXd> out;
+  for (const SurfaceTerm& term : terms) out.push_back(score_noise(term, pose_of(term, poses)));
+  return out;
+}
+
+/// Inverse of the information over all that is free; the rest is zero. Errors name the term whose pose has a
+/// direction without information.
+Result<Eigen::MatrixXd> inverse_of(const Eigen::MatrixXd& information, const ChainProblem& problem) {
+  // Lengths in mm, angles at a lever of 100 mm, scales at that of 1/100 000: all of like size.
+  Eigen::VectorXd scale = Eigen::VectorXd::Zero(information.rows());
+  const auto pose_rows = static_cast<long>(6 * problem.poses.size());
+  for (long r = 0; r < scale.size(); ++r) {
+    const auto pose = static_cast<std::size_t>(r / 6);
+    if (r < pose_rows && !problem.fixed.empty() && problem.fixed[pose]) continue;
+    scale[r] = r >= pose_rows ? 1e-4 : r % 6 < 3 ? 0.01 : 1.0;
+  }
+  const Eigen::MatrixXd even = scale.asDiagonal() * information * scale.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(even);
+  const Eigen::VectorXd& strength = solver.eigenvalues();
+  Eigen::VectorXd inverse = Eigen::VectorXd::Zero(strength.size());
+  for (long k = 0; k < strength.size(); ++k) {
+    if (strength[k] > 1e-13 * strength[strength.size() - 1]) {
+      inverse[k] = 1.0 / strength[k];
+      continue;
+    }
+    long largest = 0;
+    solver.eigenvectors().col(k).cwiseAbs().maxCoeff(&largest);
+    if (scale[largest] == 0.0) continue;  // fixed
+    for (const SurfaceTerm& term : problem.terms)
+      if (term.right == largest / 6)
+        return bad_input("cannot solve chain", term.name, "a direction of its pose is undetermined");
+    return bad_input("cannot solve chain", "all poses", "a direction is undetermined");
+  }
+  return Eigen::MatrixXd(scale.asDiagonal() * solver.eigenvectors() * inverse.asDiagonal() *
+                         solver.eigenvectors().transpose() * scale.asDiagonal());
 }
 
 void describe(SurfaceTerm& term, const std::vector<Rigid3>& poses) {
@@ -324,7 +251,6 @@ void describe(SurfaceTerm& term, const std::vector<Rigid3>& poses) {
   weigh(unseen, x, term.scale_mm);
   if (term.patch_scale_mm > 0.0) PatchWeights(judges, x, term.patch_scale_mm).apply(unseen);
   term.held_out_mm = weighted_rms_mm(unseen, x);
-  term.noise = estimate_noise(term.pairs, x);
 }
 
 }  // namespace
@@ -335,40 +261,27 @@ Rigid3 pose_of(const SurfaceTerm& term, const std::vector<Rigid3>& poses) {
 }
 
 void set_samples(SurfaceTerm& term, const SurfaceSamples& all) {
-  for (std::size_t i = 0; i < all.size(); ++i) {
+  for (std::size_t i = 0; i < all.size(); ++i)
     (i % 5 == 4 ? term.held_out : term.fitted).push_back(all.points_mm[i], all.normals[i], all.triangles[i]);
-  }
 }
 
-Result<ChainSolution> solve_poses(std::vector<Rigid3> start, std::vector<SurfaceTerm>& terms,
-                                  const std::vector<double>& scanner_scale_sigmas) {
+Result<ChainSolution> solve_poses(ChainProblem& problem) {
+  constexpr double kNear_mm = 3e-3;  // near enough to see what the noise is
   ChainSolution solution;
-  solution.poses = std::move(start);
-  solution.scales.assign(scanner_scale_sigmas.size(), 0.0);
-  for (int round = 0; round < kRounds; ++round) {
-    for (SurfaceTerm& term : terms) {
-      associate_term(term, solution);
-      const auto used = static_cast<std::size_t>(std::count_if(
-          term.pairs.begin(), term.pairs.end(), [](const PlanePair& p) { return p.weight > 0.0; }));
-      if (used < kLeastPairs) {
-        return bad_input("cannot solve chain", term.name,
-                         fmt::format("only {} points of the scan lie on the surface", used));
-      }
-    }
-    const std::vector<Rigid3> before = solution.poses;
-    GNATHION_CHECK_OK(solve_round(solution, terms, scanner_scale_sigmas));
-    double moved = 0.0;
-    for (const SurfaceTerm& term : terms) {
-      moved = std::max(moved, largest_move_mm(term, pose_of(term, before), pose_of(term, solution.poses)));
-    }
-    if (moved < kStill_mm) break;
-  }
-  for (SurfaceTerm& term : terms) {
-    associate_term(term, solution);
-    describe(term, solution.poses);
-  }
-  GNATHION_TRY(const Eigen::MatrixXd bread, inverse_information(solution, terms, scanner_scale_sigmas));
-  solution.covariance = robust_covariance(bread, solution, terms, scanner_scale_sigmas);
+  solution.poses = problem.poses;
+  solution.scales.assign(problem.scale_sigmas.size(), 0.0);
+  GNATHION_CHECK_OK(settle(problem, {}, kNear_mm, solution));
+  GNATHION_CHECK_OK(associate_all(problem.terms, solution));
+  const std::vector<Eigen::MatrixXd> noise = noise_of(problem.terms, solution.poses);
+  GNATHION_CHECK_OK(settle(problem, noise, kStill_mm, solution));
+
+  GNATHION_CHECK_OK(associate_all(problem.terms, solution));
+  for (SurfaceTerm& term : problem.terms) describe(term, solution.poses);
+  JointProblem joint(problem, solution, scores_at(problem.terms, solution, noise));
+  GNATHION_TRY(const Eigen::MatrixXd covariance, inverse_of(joint.information(), problem));
+  const auto pose_rows = static_cast<long>(6 * problem.poses.size());
+  const Eigen::MatrixXd poses = covariance.topLeftCorner(pose_rows, pose_rows);
+  solution.covariance = 0.5 * (poses + poses.transpose());
   return solution;
 }
 

@@ -1,5 +1,11 @@
 // The joint least-squares problem over the chain's poses: point-to-plane residuals of every registration at
 // once.
+//
+// Residuals of a scan are correlated over centimetres, so that six thousand points tell far less than six
+// thousand numbers would, and how much less differs from surface to surface. Each registration therefore
+// enters by its score: H·ξ + g with Cov(g) = M, where H = Σ w J Jᵀ, g = Σ w J r over its points and M carries
+// the noise with its range (registration/residual_noise.h). Ceres minimises Σ ‖M^(−1/2)(H·ξ + g)‖² over all
+// poses and scales on SE(3); the inverse of that information matrix is the covariance.
 #pragma once
 
 #include <array>
@@ -36,6 +42,8 @@ struct SurfaceTerm {
   /// is (1 + s) times too large about its centre; s is estimated along, with the scanner's sigma as prior.
   int scanner = -1, surface_scanner = -1;
   Vector3 scale_centre_mm = Vector3::Zero(), surface_scale_centre_mm = Vector3::Zero();
+  /// Terms of one pool have one noise, estimated from all of them.
+  int noise_pool = 0;
 
   // Results.
   double source_scale = 0.0, surface_scale = 0.0;  ///< s of the samples' and the surface's scanner
@@ -48,18 +56,32 @@ struct SurfaceTerm {
 /// Splits samples: every fifth is held out.
 void set_samples(SurfaceTerm& term, const SurfaceSamples& all);
 
+/// What is known of a pose from elsewhere (a tracker).
+struct KnownPose {
+  int pose = 0;
+  Rigid3 value;
+  Matrix6 covariance = Matrix6::Identity();  ///< of the left perturbation
+};
+
+struct ChainProblem {
+  std::vector<Rigid3> poses;  ///< where to start
+  std::vector<bool> fixed;    ///< by pose; empty: none
+  std::vector<SurfaceTerm> terms;
+  std::vector<double> scale_sigmas;  ///< by scanner
+  std::vector<KnownPose> known;
+};
+
 struct ChainSolution {
   std::vector<Rigid3> poses;
   std::vector<double> scales;  ///< s of each scanner
-  Eigen::MatrixXd
-      covariance;  ///< of all poses' left perturbations, 6 each, correlated noise and scale included
+  /// Of all poses' left perturbations, 6 each, correlated noise and scales included; zero for fixed ones.
+  Eigen::MatrixXd covariance;
 };
 
 /// Associates, solves (Ceres), associates again until the poses stand still; then the covariance. Terms come
-/// back with their results. Errors (kInput) name a term with too few points or a direction that no term
-/// determines.
-Result<ChainSolution> solve_poses(std::vector<Rigid3> start, std::vector<SurfaceTerm>& terms,
-                                  const std::vector<double>& scanner_scale_sigmas);
+/// back with their results. Errors (kInput) name a term with too few points, or the pose that has a direction
+/// which nothing determines.
+Result<ChainSolution> solve_poses(ChainProblem& problem);
 
 /// The pose of a term.
 Rigid3 pose_of(const SurfaceTerm& term, const std::vector<Rigid3>& poses);

@@ -172,14 +172,16 @@ Result<TwoScanResult> therapeutic_from_scans(const TriangleMesh& maxilla_mi, con
   progress.begin_step("both arches together", 0.2);
   enum Session { kMi = 0, kTp };
   const MeshQuery maxilla(maxilla_mi), mandible(mandible_tp);
-  std::vector<SurfaceTerm> terms = {arch_term("upper arches", maxilla_tp, maxilla, options.seed),
-                                    arch_term("lower arches", mandible_mi, mandible, options.seed + 1)};
+  ChainProblem problem;
+  problem.poses = {upper.target_from_source, lower.target_from_source};
+  problem.scale_sigmas = {options.scan_scale_sigma, options.scan_scale_sigma};
+  problem.terms = {arch_term("upper arches", maxilla_tp, maxilla, options.seed),
+                   arch_term("lower arches", mandible_mi, mandible, options.seed + 1)};
+  std::vector<SurfaceTerm>& terms = problem.terms;
   terms[0].scanner = terms[1].surface_scanner = kTp;
   terms[0].surface_scanner = terms[1].scanner = kMi;
   terms[1].right = 1;
-  GNATHION_TRY(const ChainSolution solution,
-               solve_poses({upper.target_from_source, lower.target_from_source}, terms,
-                           {options.scan_scale_sigma, options.scan_scale_sigma}));
+  GNATHION_TRY(const ChainSolution solution, solve_poses(problem));
 
   // L_th = T·L1 with T by the upper arches; T_th brings L0 there. Left perturbations: U by itself, L through
   // Ad_U.

@@ -31,19 +31,21 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
   CLI::App* command =
       calibrate.add_subcommand("chain", "T_D, T_F, T and T_B from scans of bow, teeth and face");
   command->add_option("--mandible-mi", o->files.mandible_mi, "lower arch in the dental frame")->required();
-  command->add_option("--clutch-scan", o->files.clutch_scan, "lower teeth with the clutch on")->required();
+  command->add_option("--clutch-scan", o->files.clutch_scans, "lower teeth with the clutch on; repeatable")
+      ->required();
   command->add_option("--bow-model", o->files.bow_model, "the bow's CAD surface")->required();
-  command->add_option("--face-mi", o->files.face_mi, "face scan with the bow in MI");
-  command->add_option("--face-tp", o->files.face_tp, "face scan with the bow in TP");
+  command->add_option("--face-mi", o->files.faces_mi, "face scan with the bow in MI; repeatable");
+  command->add_option("--face-tp", o->files.faces_tp, "face scan with the bow in TP; repeatable");
   command->add_option("--head-frame-model", o->files.head_frame_model,
                       "the head frame's CAD surface, worn in both face scans");
   command->add_option("--out", o->out, "chain.json")->required();
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_CHECK_OK(may_write(
-            o->out, common,
-            {o->files.mandible_mi.string(), o->files.clutch_scan.string(), o->files.bow_model.string(),
-             o->files.face_mi.string(), o->files.face_tp.string(), o->files.head_frame_model.string()}));
+        std::vector<std::string> inputs = {o->files.mandible_mi.string(), o->files.bow_model.string(),
+                                           o->files.head_frame_model.string()};
+        for (const auto* list : {&o->files.clutch_scans, &o->files.faces_mi, &o->files.faces_tp})
+          for (const auto& path : *list) inputs.push_back(path.string());
+        GNATHION_CHECK_OK(may_write(o->out, common, inputs));
         GNATHION_TRY(const ChainScans scans, read_chain_scans(o->files));
         GNATHION_TRY(const Chain chain, solve_chain(scans, {}, progress));
         const json j = chain_json(chain);
@@ -53,6 +55,7 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
           text += pose_line("bow_from_face", chain.bow_from_face) +
                   pose_line("dental_from_face", chain.dental_from_face) +
                   pose_line("bow_motion", chain.bow_motion);
+        for (const std::string& m : chain.missing) text += "missing: " + m + "\n";
         for (const std::string& w : chain.warnings) text += "warning: " + w + "\n";
         return CommandOutput{text, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
       });

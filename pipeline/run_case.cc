@@ -37,8 +37,10 @@ Status solve_chain_of(const CaseFile& files, const fs::path& out, CaseResults& r
   GNATHION_CHECK_OK(need(files.mandible_clutch, files, "mandible_clutch"));
   GNATHION_CHECK_OK(need(files.bow_model, files, "bow"));
   NestedProgress solving(progress, "registering scans, solving the chain", 0.25);
-  const ChainFiles chain_files{files.mandible_mi, files.mandible_clutch, files.bow_model,
-                               files.face_mi,     files.face_tp,         files.head_frame_model};
+  ChainFiles chain_files{
+      files.mandible_mi, files.bow_model, files.head_frame_model, {files.mandible_clutch}, {}, {}};
+  if (!files.face_mi.empty()) chain_files.faces_mi = {files.face_mi};
+  if (!files.face_tp.empty()) chain_files.faces_tp = {files.face_tp};
   GNATHION_TRY(const ChainScans scans, read_chain_scans(chain_files));
   GNATHION_TRY(r.chain, solve_chain(scans, {}, solving));
   return write_json(out / "chain.json", chain_json(r.chain));

@@ -48,18 +48,23 @@ Status check_rests(const JawPositions& positions, const PlateauOptions& options)
 Result<ChainScans> read_chain_scans(const ChainFiles& files) {
   ChainScans scans;
   GNATHION_TRY(scans.mandible_mi, read_jaw(files.mandible_mi));
-  GNATHION_TRY(scans.clutch_scan, read_mesh(files.clutch_scan));
   GNATHION_TRY(scans.bow_model, read_mesh(files.bow_model));
-  if (files.face_mi.empty() != files.face_tp.empty())
-    return fail(ErrorCode::kUsage, "chain of frames",
-                (files.face_mi.empty() ? files.face_tp : files.face_mi).string(),
-                "a face scan in MI and one in TP are needed together");
-  if (!files.face_mi.empty()) {
-    GNATHION_TRY(scans.face_mi, read_mesh(files.face_mi));
-    GNATHION_TRY(scans.face_tp, read_mesh(files.face_tp));
-    if (!files.head_frame_model.empty()) {
-      GNATHION_TRY(scans.head_frame_model, read_mesh(files.head_frame_model));
+  const auto read_all = [](const std::vector<std::filesystem::path>& paths,
+                           std::vector<TriangleMesh>& out) -> Status {
+    for (const auto& path : paths) {
+      GNATHION_TRY(out.emplace_back(), read_mesh(path));
     }
+    return {};
+  };
+  GNATHION_CHECK_OK(read_all(files.clutch_scans, scans.clutch_scans));
+  if (files.faces_mi.empty() != files.faces_tp.empty())
+    return fail(ErrorCode::kUsage, "chain of frames",
+                (files.faces_mi.empty() ? files.faces_tp : files.faces_mi).front().string(),
+                "a face scan in MI and one in TP are needed together");
+  GNATHION_CHECK_OK(read_all(files.faces_mi, scans.faces_mi));
+  GNATHION_CHECK_OK(read_all(files.faces_tp, scans.faces_tp));
+  if (!files.faces_mi.empty() && !files.head_frame_model.empty()) {
+    GNATHION_TRY(scans.head_frame_model, read_mesh(files.head_frame_model));
   }
   return scans;
 }

@@ -16,10 +16,11 @@
 
 namespace gnathion {
 
-/// Files of solve_chain's scans; both face scans or none. The head frame's model steadies the head between
-/// the face scans, where soft tissue does not.
+/// Files of solve_chain's scans; face scans in both positions or none. The head frame's model steadies the
+/// head between the face scans, where soft tissue does not.
 struct ChainFiles {
-  std::filesystem::path mandible_mi, clutch_scan, bow_model, face_mi, face_tp, head_frame_model;
+  std::filesystem::path mandible_mi, bow_model, head_frame_model;
+  std::vector<std::filesystem::path> clutch_scans, faces_mi, faces_tp;
 };
 Result<ChainScans> read_chain_scans(const ChainFiles& files);
 

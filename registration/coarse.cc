@@ -15,7 +15,9 @@ namespace {
 
 constexpr std::size_t kModelPoints = 600;  // pairs grow with its square
 constexpr std::size_t kVerified = 300;     // hypotheses that are verified on samples
-constexpr std::size_t kRefined = 16;       // of which these meet the true surface
+constexpr std::size_t kTried = 16;         // of which these meet the true surface, with few points
+constexpr std::size_t kTryPoints = 300;
+constexpr std::size_t kRefined = 5;  // and these with many
 constexpr std::size_t kRefinePoints = 1200;
 
 struct Scored {
@@ -139,22 +141,26 @@ Result<CoarseMatch> find_pose(const SearchSurface& source, const SearchSurface& 
     const Rigid3 x = settled_on_cloud(model, cloud, hypotheses[i].scene_from_model, tolerance);
     scored[i] = {x, support_of(cloud_pairs(model, cloud, x), x, model.size(), 0.5 * tolerance)};
   });
-  scored = ranked(std::move(scored), model, 1.5 * spacing, kRefined);
+  scored = ranked(std::move(scored), model, 1.5 * spacing, kTried);
 
-  const SurfaceSamples fine = sample_surface(*source.mesh, source.keep, kRefinePoints, options.seed + 1);
   const double fine_tolerance = std::max(4.0 * options.noise_mm, 0.12 * spacing);
-  for (Scored& s : scored) {
+  const auto refine = [&](std::size_t points, int iterations, double score_tolerance) {
+    const SurfaceSamples fine = sample_surface(*source.mesh, source.keep, points, options.seed + 1);
     IcpOptions icp;
     icp.first_gate_mm = 1.5 * spacing;
     icp.last_gate_mm = std::max(0.5 * spacing, 8.0 * options.noise_mm);
     icp.noise_mm = std::max(options.noise_mm, 0.02 * spacing);
     icp.settled_mm = 0.01 * spacing;
-    icp.max_iterations = 25;
-    const IcpResult refined = robust_icp(fine, target_query, target.keep, s.target_from_source, icp);
-    s = {refined.target_from_source,
-         support_of(refined.pairs, refined.target_from_source, fine.size(), fine_tolerance)};
-  }
-  scored = ranked(std::move(scored), model, spacing, kRefined);
+    icp.max_iterations = iterations;
+    for (Scored& s : scored) {
+      const IcpResult refined = robust_icp(fine, target_query, target.keep, s.target_from_source, icp);
+      s = {refined.target_from_source,
+           support_of(refined.pairs, refined.target_from_source, fine.size(), score_tolerance)};
+    }
+    scored = ranked(std::move(scored), model, spacing, kRefined);
+  };
+  refine(kTryPoints, 10, 2.0 * fine_tolerance);
+  refine(kRefinePoints, 25, fine_tolerance);
 
   if (scored.empty() || scored[0].score < 0.5 * options.overlap) {
     return undetermined(

@@ -15,7 +15,10 @@
 namespace gnathion {
 namespace {
 
-constexpr std::size_t kNoiseSamples = 320;  // Cholesky of this size is a few milliseconds
+// A Cholesky factor of 300 residuals takes a few milliseconds, and there are some eighty models: a few
+// residuals tell which of them are worth more.
+constexpr std::size_t kFewResiduals = 120, kManyResiduals = 320, kPooledResiduals = 800;
+constexpr double kWorthMore = 8.0;  // log-likelihood below the best of few
 constexpr std::size_t kMaxCells = 1200;
 
 struct NoiseData {
@@ -25,12 +28,12 @@ struct NoiseData {
   Eigen::MatrixXd cosine;     // N×N, of the normals
 };
 
-NoiseData gather(const std::vector<PlanePair>& pairs, const Rigid3& x) {
+NoiseData gather(const std::vector<PlanePair>& pairs, const Rigid3& x, std::size_t limit) {
   std::vector<const PlanePair*> used;
   for (const PlanePair& p : pairs) {
     if (p.weight > 0.0) used.push_back(&p);
   }
-  const std::size_t n = std::min(kNoiseSamples, used.size());
+  const std::size_t n = std::min(limit, used.size());
   NoiseData data;
   data.residuals.resize(static_cast<long>(n));
   data.jacobian.resize(static_cast<long>(n), 6);
@@ -53,47 +56,115 @@ NoiseData gather(const std::vector<PlanePair>& pairs, const Rigid3& x) {
 }
 
 struct NoiseModel {
-  double length_mm = 1.0, share = 0.0;  // share of the variance that is correlated
-  bool vector_field = false;
-  double log_likelihood = -std::numeric_limits<double>::infinity();
+  double share = 0.0;  // of the variance that is correlated
+  double log_likelihood = 0.0;
   double variance = 0.0;
+  // Over all fits: Σ residual sum of squares, Σ degrees of freedom, Σ log determinants.
+  double sum = 0.0, freedom = 0.0, log_det = 0.0;
+  bool possible = true;
 };
 
-/// Restricted log-likelihood with the overall variance profiled out.
-void evaluate(const NoiseData& data, NoiseModel& m) {
-  const long n = data.residuals.size();
-  Eigen::MatrixXd v = (-data.distance2 / (2.0 * m.length_mm * m.length_mm)).array().exp().matrix();
-  if (m.vector_field) v.array() *= data.cosine.array();
-  v *= m.share;
+/// One fit's part of the restricted likelihood for a correlation matrix of unit variance.
+void add_fit(const NoiseData& data, const Eigen::MatrixXd& correlation, NoiseModel& m) {
+  Eigen::MatrixXd v = m.share * correlation;
   v.diagonal().array() += 1.0 - m.share;
   const Eigen::LLT<Eigen::MatrixXd> llt(v);
-  if (llt.info() != Eigen::Success) return;
+  if (llt.info() != Eigen::Success) {
+    m.possible = false;
+    return;
+  }
   const Eigen::VectorXd r = llt.matrixL().solve(data.residuals);
   const Eigen::MatrixXd j = llt.matrixL().solve(data.jacobian);
   Matrix6 h = j.transpose() * j;
   h.diagonal().array() += 1e-12 * h.diagonal().maxCoeff();
   const Eigen::LLT<Matrix6> small(h);
-  if (small.info() != Eigen::Success) return;
+  if (small.info() != Eigen::Success) {
+    m.possible = false;
+    return;
+  }
   const Vector6 g = j.transpose() * r;
-  const double sum = r.squaredNorm() - g.dot(small.solve(g));
-  const auto freedom = static_cast<double>(n - 6);
-  m.variance = std::max(sum, 1e-18) / freedom;
-  const double log_det_v = 2.0 * Eigen::MatrixXd(llt.matrixL()).diagonal().array().log().sum();
-  const double log_det_h = 2.0 * Matrix6(small.matrixL()).diagonal().array().log().sum();
-  m.log_likelihood = -0.5 * (freedom * std::log(m.variance) + log_det_v + log_det_h);
+  m.sum += r.squaredNorm() - g.dot(small.solve(g));
+  m.freedom += static_cast<double>(data.residuals.size() - 6);
+  m.log_det += 2.0 * Eigen::MatrixXd(llt.matrixL()).diagonal().array().log().sum() +
+               2.0 * Matrix6(small.matrixL()).diagonal().array().log().sum();
 }
 
-std::vector<NoiseModel> evaluated(const NoiseData& data) {
-  std::vector<NoiseModel> models{{1.0, 0.0, false}};
+/// The restricted log-likelihood with the overall variance profiled out.
+void finish(NoiseModel& m) {
+  if (!m.possible) {
+    m.log_likelihood = -std::numeric_limits<double>::infinity();
+    return;
+  }
+  m.variance = std::max(m.sum, 1e-18) / m.freedom;
+  m.log_likelihood = -0.5 * (m.freedom * std::log(m.variance) + m.log_det);
+}
+
+/// Models of one range and kind: they share the correlation matrix, which costs as much as solving with it.
+struct ModelGroup {
+  double length_mm = 1.0;
+  bool vector_field = false;
+  std::vector<NoiseModel> models;
+};
+
+std::vector<ModelGroup> all_models() {
+  std::vector<ModelGroup> groups{{1.0, false, {NoiseModel{}}}};
   for (const bool vector_field : {false, true}) {
-    for (const double length : {2.0, 3.5, 6.0, 10.0, 16.0}) {
+    for (const double length : {2.0, 3.5, 6.0, 10.0, 16.0, 26.0}) {
+      ModelGroup group{length, vector_field, {}};
       for (const double share : {0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95}) {
-        models.push_back({length, share, vector_field});
+        NoiseModel m;
+        m.share = share;
+        group.models.push_back(m);
       }
+      groups.push_back(group);
     }
   }
-  tbb::parallel_for(std::size_t{0}, models.size(), [&](std::size_t i) { evaluate(data, models[i]); });
-  return models;
+  return groups;
+}
+
+void evaluate(const std::vector<NoiseData>& fits, std::vector<ModelGroup>& groups) {
+  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t i) {
+    ModelGroup& group = groups[i];
+    if (group.models.empty()) return;
+    for (const NoiseData& data : fits) {
+      Eigen::MatrixXd correlation =
+          (-data.distance2 / (2.0 * group.length_mm * group.length_mm)).array().exp().matrix();
+      if (group.vector_field) correlation.array() *= data.cosine.array();
+      for (NoiseModel& m : group.models) add_fit(data, correlation, m);
+    }
+    for (NoiseModel& m : group.models) finish(m);
+  });
+}
+
+double best_of(const std::vector<ModelGroup>& groups) {
+  double best = -std::numeric_limits<double>::infinity();
+  for (const ModelGroup& group : groups)
+    for (const NoiseModel& m : group.models) best = std::max(best, m.log_likelihood);
+  return best;
+}
+
+/// Leaves the models that come within `margin` of the best, as if never evaluated.
+void keep_likely(std::vector<ModelGroup>& groups, double margin) {
+  const double best = best_of(groups);
+  for (ModelGroup& group : groups) {
+    std::vector<NoiseModel> kept;
+    for (const NoiseModel& m : group.models) {
+      if (!(m.log_likelihood > best - margin)) continue;
+      NoiseModel fresh;
+      fresh.share = m.share;
+      kept.push_back(fresh);
+    }
+    group.models = kept;
+  }
+}
+
+std::vector<NoiseData> gathered(const std::vector<FitResiduals>& fits, std::size_t limit) {
+  std::vector<NoiseData> out;
+  for (const FitResiduals& fit : fits) {
+    NoiseData data = gather(*fit.pairs, fit.target_from_source, limit);
+    if (data.residuals.size() >= 20) out.push_back(std::move(data));
+  }
+  return out;
 }
 
 }  // namespace
@@ -121,22 +192,35 @@ double ResidualNoise::length_mm() const {
 }
 
 ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source) {
-  const NoiseData data = gather(pairs, target_from_source);
+  return estimate_noise({FitResiduals{&pairs, target_from_source}});
+}
+
+ResidualNoise estimate_noise(const std::vector<FitResiduals>& fits) {
+  const std::size_t each = kPooledResiduals / std::max<std::size_t>(1, fits.size());
+  const std::vector<NoiseData> few = gathered(fits, std::min(kFewResiduals, each));
   ResidualNoise noise;
-  if (data.residuals.size() < 20) {
+  if (few.empty()) {
     // Too few to tell: as if one patch, all correlated.
-    noise.models.push_back({1.0, 0.0, weighted_rms_mm(pairs, target_from_source), 10.0, false});
+    double largest_mm = 0.0;
+    for (const FitResiduals& fit : fits)
+      largest_mm = std::max(largest_mm, weighted_rms_mm(*fit.pairs, fit.target_from_source));
+    noise.models.push_back({1.0, 0.0, largest_mm, 10.0, false});
     return noise;
   }
-  const std::vector<NoiseModel> models = evaluated(data);
-  double best = -std::numeric_limits<double>::infinity(), total = 0.0;
-  for (const NoiseModel& m : models) best = std::max(best, m.log_likelihood);
-  for (const NoiseModel& m : models) {
-    const double likelihood = std::exp(m.log_likelihood - best);
-    if (!(likelihood > 0.03)) continue;
-    total += likelihood;
-    noise.models.push_back({likelihood, std::sqrt(m.variance * (1.0 - m.share)),
-                            std::sqrt(m.variance * m.share), m.length_mm, m.vector_field});
+  std::vector<ModelGroup> groups = all_models();
+  evaluate(few, groups);
+  keep_likely(groups, kWorthMore);
+  evaluate(gathered(fits, std::clamp(each, kFewResiduals, kManyResiduals)), groups);
+  const double best = best_of(groups);
+  double total = 0.0;
+  for (const ModelGroup& group : groups) {
+    for (const NoiseModel& m : group.models) {
+      const double likelihood = std::exp(m.log_likelihood - best);
+      if (!(likelihood > 0.03)) continue;
+      total += likelihood;
+      noise.models.push_back({likelihood, std::sqrt(m.variance * (1.0 - m.share)),
+                              std::sqrt(m.variance * m.share), group.length_mm, group.vector_field});
+    }
   }
   for (ResidualNoise::Model& m : noise.models) m.probability /= total;
   return noise;

@@ -33,6 +33,12 @@ struct ResidualNoise {
 
 /// From the pairs with weight > 0; at most a few hundred of them are used.
 ResidualNoise estimate_noise(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source);
+/// One fit among several with the same noise, independent of one another.
+struct FitResiduals {
+  const std::vector<PlanePair>* pairs = nullptr;
+  Rigid3 target_from_source;
+};
+ResidualNoise estimate_noise(const std::vector<FitResiduals>& fits);
 
 /// Covariance of Σ w J r, the score of the fit: white part over all pairs, correlated part over all couples
 /// of them.

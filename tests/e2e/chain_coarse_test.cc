@@ -22,7 +22,7 @@ struct Scene {
 
   Scene() {
     scans.mandible_mi = simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleMi, kSeed);
-    scans.clutch_scan = simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleClutch, kSeed);
+    scans.clutch_scans = {simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleClutch, kSeed)};
     scans.bow_model = patient.bow.surface;
     scans.head_frame_model = patient.head_frame.surface;
   }
@@ -45,8 +45,8 @@ struct Scene {
 TEST(CoarseFaceScanner, IsNamedAndItsErrorWasPredicted) {
   constexpr double kNoise_mm = 0.35;
   Scene s;
-  s.scans.face_mi = s.face_scan({}, s.poses.face_mi_from_dental.rigid, kNoise_mm, 1);
-  s.scans.face_tp = s.face_scan(s.patient.therapeutic, s.poses.face_tp_from_dental.rigid, kNoise_mm, 2);
+  s.scans.faces_mi = {s.face_scan({}, s.poses.face_mi_from_dental.rigid, kNoise_mm, 1)};
+  s.scans.faces_tp = {s.face_scan(s.patient.therapeutic, s.poses.face_tp_from_dental.rigid, kNoise_mm, 2)};
   SilentProgress silent;
   const auto chain = solve_chain(s.scans, {}, silent);
   ASSERT_TRUE(chain) << chain.error().line();

@@ -45,9 +45,9 @@ TEST_P(ChainOnPhantom, FindsTruth) {
   const auto scan = [&](PhantomScanKind kind) { return simulate_phantom_scan(patient, poses, kind, seed); };
   ChainScans scans;
   scans.mandible_mi = scan(PhantomScanKind::kMandibleMi);
-  scans.clutch_scan = scan(PhantomScanKind::kMandibleClutch);
-  scans.face_mi = scan(PhantomScanKind::kFaceMi);
-  scans.face_tp = scan(PhantomScanKind::kFaceTp);
+  scans.clutch_scans = {scan(PhantomScanKind::kMandibleClutch)};
+  scans.faces_mi = {scan(PhantomScanKind::kFaceMi)};
+  scans.faces_tp = {scan(PhantomScanKind::kFaceTp)};
   scans.bow_model = patient.bow.surface;
   scans.head_frame_model = patient.head_frame.surface;
   SilentProgress silent;
@@ -99,10 +99,10 @@ TEST(ChainWithoutBow, IsRefused) {
   const PhantomScanPoses poses = phantom_scan_poses(kSeed);
   ChainScans scans;
   scans.mandible_mi = simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleMi, kSeed);
-  scans.clutch_scan = simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleClutch, kSeed);
+  scans.clutch_scans = {simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleClutch, kSeed)};
   scans.bow_model = patient.bow.surface;
-  scans.face_mi = patient.face;  // no bow in it
-  scans.face_tp = patient.face;
+  scans.faces_mi = {patient.face};  // no bow in it
+  scans.faces_tp = {patient.face};
   SilentProgress silent;
   const auto chain = solve_chain(scans, {}, silent);
   ASSERT_FALSE(chain);

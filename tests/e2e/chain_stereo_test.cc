@@ -84,11 +84,11 @@ TEST(StereoFaceScans, CarryTheChain) {
 
   ChainScans scans;
   scans.mandible_mi = simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleMi, kSeed);
-  scans.clutch_scan = simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleClutch, kSeed);
+  scans.clutch_scans = {simulate_phantom_scan(patient, poses, PhantomScanKind::kMandibleClutch, kSeed)};
   scans.bow_model = patient.bow.surface;
   scans.head_frame_model = patient.head_frame.surface;
-  scans.face_mi = mi->surface.mesh;
-  scans.face_tp = tp->surface.mesh;
+  scans.faces_mi = {mi->surface.mesh};
+  scans.faces_tp = {tp->surface.mesh};
   SilentProgress silent;
   const auto chain = solve_chain(scans, {}, silent);
   ASSERT_TRUE(chain) << chain.error().line();

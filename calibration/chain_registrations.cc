@@ -1,0 +1,357 @@
+#include "calibration/chain_registrations.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "registration/coarse.h"
+
+namespace gnathion {
+namespace {
+
+enum Scanner { kIntraoral = 0, kClutch, kFace, kScanners };
+
+constexpr double kScanNoise_mm = 0.03;  // of two scans against each other
+constexpr double kOnBow_mm = 1.0;       // a face scan's surface this near to the found bow is the bow's
+constexpr double kOffBow_mm = 4.0;      // and beyond this it is not
+constexpr double kRigidHead_mm = 0.04;  // soft tissue that shifts more is not head
+constexpr double kSkinPatch_mm = 0.02;  // Tukey scale of a skin patch's mean: beyond 0.1 mm it has shifted
+constexpr std::size_t kPointsPerTerm = 6000;
+
+/// Distance of each triangle's centre to a surface under a pose; `far_mm` where there is none nearer.
+std::vector<double> distances_to(const TriangleMesh& mesh, const MeshQuery& surface,
+                                 const Rigid3& surface_from_mesh, double far_mm) {
+  std::vector<Vector3> centres;
+  centres.reserve(mesh.triangles.size());
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
+    centres.push_back(surface_from_mesh *
+                      ((mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0));
+  std::vector<double> out(centres.size(), far_mm);
+  const std::vector<ClosestHit> hits = closest_points(surface, centres, far_mm);
+  for (std::size_t t = 0; t < out.size(); ++t)
+    if (hits[t].triangle != ClosestHit::kNoTriangle) out[t] = std::abs(hits[t].distance_mm);
+  return out;
+}
+
+std::vector<bool> where(const std::vector<double>& values, double low, double high) {
+  std::vector<bool> out(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) out[i] = values[i] >= low && values[i] <= high;
+  return out;
+}
+
+std::vector<bool> all_of(const TriangleMesh& mesh) {
+  return std::vector<bool>(mesh.triangles.size(), true);
+}
+
+CoarseOptions coarse(const std::string& name, double overlap, std::uint64_t seed) {
+  CoarseOptions o;
+  o.name = name;
+  o.overlap = overlap;
+  o.noise_mm = kScanNoise_mm;
+  o.seed = seed;
+  return o;
+}
+
+IcpResult fitted(const SearchSurface& source, const SearchSurface& target, const MeshQuery& query,
+                 const Rigid3& start, double first_gate_mm, std::uint64_t seed) {
+  IcpOptions icp;
+  icp.first_gate_mm = first_gate_mm;
+  icp.last_gate_mm = 0.6;
+  icp.noise_mm = 0.5 * kScanNoise_mm;
+  icp.settled_mm = 3e-3;  // the joint problem does the rest
+  return robust_icp(sample_surface(*source.mesh, source.keep, 3000, seed), query, target.keep, start, icp);
+}
+
+/// Coarse search and a first fit of the kept part of `source` on the kept part of `target`.
+Result<Rigid3> locate(const SearchSurface& source, const SearchSurface& target, const MeshQuery& query,
+                      const CoarseOptions& options) {
+  GNATHION_TRY(const CoarseMatch match, find_pose(source, target, query, options));
+  return fitted(source, target, query, match.target_from_source, 2.0, options.seed).target_from_source;
+}
+
+/// The same where a guess may be near: nothing unless most of the source comes to lie on the target.
+std::optional<Rigid3> locate_near(const SearchSurface& source, const SearchSurface& target,
+                                  const MeshQuery& query, const Rigid3& guess, std::uint64_t seed) {
+  constexpr double kReach_mm = 12.0, kLargestScale_mm = 0.2, kLeastShare = 0.6;
+  const IcpResult fit = fitted(source, target, query, guess, kReach_mm, seed);
+  const auto used =
+      std::count_if(fit.pairs.begin(), fit.pairs.end(), [](const PlanePair& p) { return p.weight > 0.0; });
+  if (!fit.converged || fit.scale_mm > kLargestScale_mm || static_cast<double>(used) < kLeastShare * 3000)
+    return std::nullopt;
+  return fit.target_from_source;
+}
+
+SurfaceTerm term_of(std::string name, const ChainSurface& scan, const std::vector<bool>& keep, int scanner,
+                    const ChainSurface& surface, ChainNoisePool pool, std::uint64_t seed) {
+  SurfaceTerm term;
+  term.name = std::move(name);
+  term.surface = &surface.query;
+  term.scanner = scanner;
+  term.scale_centre_mm = scan.centre_mm;
+  term.noise_pool = pool;
+  set_samples(term, sample_surface(scan.mesh, keep, kPointsPerTerm * 5 / 4, seed));
+  return term;
+}
+
+std::string numbered(const char* name, std::size_t index, std::size_t count) {
+  return count < 2 ? std::string(name) : fmt::format("{} {}", name, index + 1);
+}
+
+/// What the steps below have in common.
+class Registrar {
+ public:
+  Registrar(const ChainScans& scans, const ChainOptions& options) : scans_(scans), seed_(options.seed) {
+    start_.unknowns = unknowns_of(scans);
+    start_.problem.poses.resize(static_cast<std::size_t>(start_.unknowns.count));
+    start_.problem.fixed.assign(start_.problem.poses.size(), false);
+    start_.problem.scale_sigmas.assign(kScanners, options.scan_scale_sigma);
+    mandible_ = keep(scans.mandible_mi);
+    bow_ = keep(scans.bow_model);
+    if (!scans.head_frame_model.empty() && !scans.faces_mi.empty())
+      head_frame_ = keep(scans.head_frame_model);
+    tracked_ = options.tracked;
+  }
+
+  Status add_clutch_scans();
+  Status add_face_scans();
+  ChainStart done() { return std::move(start_); }
+
+ private:
+  /// A face scan, by triangle: what is not near the bow, and of that what is not near the head frame.
+  struct Face {
+    const ChainSurface* surface = nullptr;
+    std::vector<double> to_bow_mm;
+    std::vector<bool> off_bow, skin;
+  };
+
+  const ChainSurface* keep(const TriangleMesh& mesh) {
+    start_.surfaces.push_back(std::make_unique<ChainSurface>(mesh));
+    return start_.surfaces.back().get();
+  }
+  Rigid3& pose(int unknown) { return start_.problem.poses[static_cast<std::size_t>(unknown)]; }
+  std::vector<SurfaceTerm>& terms() { return start_.problem.terms; }
+
+  void add_clutch_terms(const ChainSurface& clutch, std::size_t index);
+  Result<Face> find_bow(const TriangleMesh& scan, const std::string& name, Rigid3* bow_from_face);
+  Status find_head_between(const Face& mi, const Face& tp, const Rigid3& guess, Rigid3* face_mi_from_tp);
+  void add_face_terms(Face& face, int head_from_face, int head_from_bow, const std::string& position);
+  void add_skin_term(const Face& face, int head_from_face, const std::string& name);
+  Status add_repeats(const std::vector<TriangleMesh>& scans, const ChainSurface& first, int first_unknown,
+                     int head_from_bow, const char* position);
+
+  const ChainScans& scans_;
+  std::uint64_t seed_;
+  std::optional<TrackedPositions> tracked_;
+  ChainStart start_;
+  const ChainSurface *mandible_ = nullptr, *bow_ = nullptr, *head_frame_ = nullptr, *first_clutch_ = nullptr;
+  Face first_face_;
+};
+
+/// T_D: each clutch scan's teeth on the lower arch, the rest of it on the bow.
+Status Registrar::add_clutch_scans() {
+  const ChainUnknowns& u = start_.unknowns;
+  for (std::size_t i = 0; i < scans_.clutch_scans.size(); ++i) {
+    const ChainSurface& clutch = *keep(scans_.clutch_scans[i]);
+    if (i == 0) first_clutch_ = &clutch;
+    const std::size_t count = scans_.clutch_scans.size();
+    const int unknown = u.first_clutch + static_cast<int>(i);
+    if (i > 0) {  // as the first, which it resembles in all parts
+      const ChainSurface& first = *first_clutch_;
+      GNATHION_TRY(const Rigid3 found,
+                   locate({&clutch.mesh, all_of(clutch.mesh)}, {&first.mesh, all_of(first.mesh)}, first.query,
+                          coarse(numbered("clutch scan", i, count) + " on the first", 0.6, seed_ + i)));
+      pose(unknown) = pose(u.first_clutch) * found;
+      add_clutch_terms(clutch, i);
+      continue;
+    }
+    GNATHION_TRY(const Rigid3 on_teeth,
+                 locate({&clutch.mesh, all_of(clutch.mesh)}, {&mandible_->mesh, all_of(mandible_->mesh)},
+                        mandible_->query, coarse("clutch scan on lower arch", 0.5, seed_)));
+    const std::vector<bool> not_teeth =
+        where(distances_to(clutch.mesh, mandible_->query, on_teeth, 5.0), 0.5, 5.0);
+    GNATHION_TRY(const Rigid3 on_bow, locate({&clutch.mesh, not_teeth}, {&bow_->mesh, all_of(bow_->mesh)},
+                                             bow_->query, coarse("clutch scan on bow", 0.7, seed_)));
+    pose(unknown) = on_bow;
+    pose(u.t_d) = on_bow * on_teeth.inverse();
+    add_clutch_terms(clutch, i);
+  }
+  return {};
+}
+
+void Registrar::add_clutch_terms(const ChainSurface& clutch, std::size_t index) {
+  const ChainUnknowns& u = start_.unknowns;
+  const int unknown = u.first_clutch + static_cast<int>(index);
+  const std::size_t count = scans_.clutch_scans.size();
+  const Rigid3& on_bow = pose(unknown);
+  const std::vector<double> off_teeth =
+      distances_to(clutch.mesh, mandible_->query, pose(u.t_d).inverse() * on_bow, 5.0);
+  const std::vector<double> off_bow = distances_to(clutch.mesh, bow_->query, on_bow, 5.0);
+  std::vector<bool> teeth = where(off_teeth, 0.0, 0.4), bow_part = where(off_bow, 0.0, 0.4);
+  for (std::size_t t = 0; t < teeth.size(); ++t) {
+    // Where clutch and teeth meet, the nearer one has it, and what could be either has none.
+    if (off_bow[t] < 0.6) teeth[t] = false;
+    if (off_teeth[t] < 0.5) bow_part[t] = false;
+  }
+  SurfaceTerm on_arch = term_of(numbered("clutch scan", index, count) + " on lower arch", clutch, teeth,
+                                kClutch, *mandible_, kTeethNoise, seed_ + 1);
+  on_arch.left = u.t_d;
+  on_arch.right = unknown;
+  on_arch.surface_scanner = kIntraoral;
+  // About the dental frame's own origin: the frame is that of the scan, upper arch and all.
+  on_arch.surface_scale_centre_mm = Vector3::Zero();
+  terms().push_back(std::move(on_arch));
+  SurfaceTerm on_cad = term_of(numbered("clutch scan", index, count) + " on bow", clutch, bow_part, kClutch,
+                               *bow_, kClutchNoise, seed_ + 2);
+  on_cad.right = unknown;
+  terms().push_back(std::move(on_cad));
+}
+
+/// The bow in a face scan, and what of the scan is not bow.
+Result<Registrar::Face> Registrar::find_bow(const TriangleMesh& scan, const std::string& name,
+                                            Rigid3* bow_from_face) {
+  Face face;
+  face.surface = keep(scan);
+  GNATHION_TRY(const Rigid3 found, locate({&bow_->mesh, all_of(bow_->mesh)}, {&scan, all_of(scan)},
+                                          face.surface->query, coarse("bow in " + name, 0.4, seed_ + 10)));
+  *bow_from_face = found.inverse();
+  face.to_bow_mm = distances_to(scan, bow_->query, *bow_from_face, kOffBow_mm);
+  face.off_bow = where(face.to_bow_mm, kOffBow_mm, kOffBow_mm);
+  return face;
+}
+
+/// All that is rigid in both scans and not bow. `guess`: the jaw has hardly moved.
+Status Registrar::find_head_between(const Face& mi, const Face& tp, const Rigid3& guess,
+                                    Rigid3* face_mi_from_tp) {
+  const SearchSurface source{&tp.surface->mesh, tp.off_bow}, target{&mi.surface->mesh, mi.off_bow};
+  if (const auto near = locate_near(source, target, mi.surface->query, guess, seed_ + 30)) {
+    *face_mi_from_tp = *near;
+    return {};
+  }
+  GNATHION_TRY(*face_mi_from_tp,
+               locate(source, target, mi.surface->query, coarse("head between face scans", 0.6, seed_ + 30)));
+  return {};
+}
+
+/// Bow and head frame in one face scan whose poses are known roughly.
+void Registrar::add_face_terms(Face& face, int head_from_face, int head_from_bow, const std::string& name) {
+  const auto add = [&](const char* body, const ChainSurface& model, const std::vector<double>& to_body_mm) {
+    SurfaceTerm term = term_of(fmt::format("{} in {}", body, name), *face.surface,
+                               where(to_body_mm, 0.0, kOnBow_mm), kFace, model, kFaceNoise, seed_ + 3);
+    term.right = head_from_face;
+    terms().push_back(std::move(term));
+  };
+  add("bow", *bow_, face.to_bow_mm);
+  terms().back().left = head_from_bow;
+  face.skin = face.off_bow;
+  if (head_frame_ == nullptr) return;
+  const std::vector<double> to_frame_mm =
+      distances_to(face.surface->mesh, head_frame_->query, pose(head_from_face), kOffBow_mm);
+  for (std::size_t t = 0; t < face.skin.size(); ++t)
+    face.skin[t] = face.skin[t] && to_frame_mm[t] >= kOffBow_mm;
+  add("head frame", *head_frame_, to_frame_mm);
+}
+
+/// The skin of a face scan on that of the first: lengthens the lever towards the teeth, as far as it moved
+/// with the frame.
+void Registrar::add_skin_term(const Face& face, int head_from_face, const std::string& name) {
+  SurfaceTerm skin =
+      term_of(name, *face.surface, face.skin, kFace, *first_face_.surface, kSkinNoise, seed_ + 4);
+  skin.keep = first_face_.skin;
+  skin.surface_scanner = kFace;
+  skin.surface_scale_centre_mm = first_face_.surface->centre_mm;
+  skin.left = start_.unknowns.first_face_mi;
+  skin.right = head_from_face;
+  if (head_frame_ == nullptr) {
+    skin.scale_cap_mm = kRigidHead_mm;
+  } else {
+    skin.patch_scale_mm = kSkinPatch_mm;
+  }
+  terms().push_back(std::move(skin));
+}
+
+/// Further scans of one jaw position resemble the first in all parts: bow, frame and face.
+Status Registrar::add_repeats(const std::vector<TriangleMesh>& scans, const ChainSurface& first,
+                              int first_unknown, int head_from_bow, const char* position) {
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    const std::string name = fmt::format("face scan {} in {}", i + 1, position);
+    Face face;
+    face.surface = keep(scans[i]);
+    GNATHION_TRY(const Rigid3 found,
+                 locate({&scans[i], all_of(scans[i])}, {&first.mesh, all_of(first.mesh)}, first.query,
+                        coarse(name + " on the first", 0.6, seed_ + 40 + i)));
+    const int unknown = first_unknown + static_cast<int>(i);
+    pose(unknown) = pose(first_unknown) * found;
+    const Rigid3 bow_from_face = pose(head_from_bow).inverse() * pose(unknown);
+    face.to_bow_mm = distances_to(scans[i], bow_->query, bow_from_face, kOffBow_mm);
+    face.off_bow = where(face.to_bow_mm, kOffBow_mm, kOffBow_mm);
+    add_face_terms(face, unknown, head_from_bow, name);
+    if (head_frame_ == nullptr) add_skin_term(face, unknown, "head of " + name);
+  }
+  return {};
+}
+
+Status Registrar::add_face_scans() {
+  const ChainUnknowns& u = start_.unknowns;
+  Rigid3 t_f, t_f_tp, face_mi_from_tp;
+  GNATHION_TRY(first_face_, find_bow(scans_.faces_mi.front(), "face scan in MI", &t_f));
+  GNATHION_TRY(Face tp, find_bow(scans_.faces_tp.front(), "face scan in TP", &t_f_tp));
+  GNATHION_CHECK_OK(find_head_between(first_face_, tp, t_f.inverse() * t_f_tp, &face_mi_from_tp));
+
+  Rigid3 head_from_face;
+  if (head_frame_ != nullptr) {
+    const ChainSurface& mi = *first_face_.surface;
+    GNATHION_TRY(const Rigid3 frame,
+                 locate({&head_frame_->mesh, all_of(head_frame_->mesh)}, {&mi.mesh, first_face_.off_bow},
+                        mi.query, coarse("head frame in face scan in MI", 0.4, seed_ + 31)));
+    head_from_face = frame.inverse();
+  } else if (tracked_) {
+    head_from_face = tracked_->head_from_bow_mi.value.rigid * t_f;
+  } else {
+    start_.problem.fixed[static_cast<std::size_t>(u.first_face_mi)] = true;
+  }
+  pose(u.first_face_mi) = head_from_face;
+  pose(u.first_face_tp) = head_from_face * face_mi_from_tp;
+  pose(u.head_from_bow_mi) = pose(u.first_face_mi) * t_f.inverse();
+  pose(u.head_from_bow_tp) = pose(u.first_face_tp) * t_f_tp.inverse();
+
+  add_face_terms(first_face_, u.first_face_mi, u.head_from_bow_mi, "face scan in MI");
+  add_face_terms(tp, u.first_face_tp, u.head_from_bow_tp, "face scan in TP");
+  if (head_frame_ == nullptr) add_skin_term(tp, u.first_face_tp, "head between face scans");
+  GNATHION_CHECK_OK(
+      add_repeats(scans_.faces_mi, *first_face_.surface, u.first_face_mi, u.head_from_bow_mi, "MI"));
+  GNATHION_CHECK_OK(add_repeats(scans_.faces_tp, *tp.surface, u.first_face_tp, u.head_from_bow_tp, "TP"));
+  if (tracked_) {
+    start_.problem.known.push_back(
+        {u.head_from_bow_mi, tracked_->head_from_bow_mi.value.rigid, tracked_->head_from_bow_mi.covariance});
+    start_.problem.known.push_back(
+        {u.head_from_bow_tp, tracked_->head_from_bow_tp.value.rigid, tracked_->head_from_bow_tp.covariance});
+  }
+  return {};
+}
+
+}  // namespace
+
+ChainUnknowns unknowns_of(const ChainScans& scans) {
+  ChainUnknowns u;
+  u.count = u.first_clutch + static_cast<int>(scans.clutch_scans.size());
+  if (scans.faces_mi.empty()) return u;
+  u.first_face_mi = u.count;
+  u.first_face_tp = u.first_face_mi + static_cast<int>(scans.faces_mi.size());
+  u.head_from_bow_mi = u.first_face_tp + static_cast<int>(scans.faces_tp.size());
+  u.head_from_bow_tp = u.head_from_bow_mi + 1;
+  u.count = u.head_from_bow_tp + 1;
+  return u;
+}
+
+Result<ChainStart> register_scans(const ChainScans& scans, const ChainOptions& options, Progress& progress) {
+  Registrar registrar(scans, options);
+  progress.begin_step("clutch scan to lower teeth and bow", 0.2);
+  GNATHION_CHECK_OK(registrar.add_clutch_scans());
+  if (!scans.faces_mi.empty()) {
+    progress.begin_step("bow and head in the face scans", 0.5);
+    GNATHION_CHECK_OK(registrar.add_face_scans());
+  }
+  return registrar.done();
+}
+
+}  // namespace gnathion

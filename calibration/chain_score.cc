@@ -1,0 +1,145 @@
+#include "calibration/chain_score.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <cmath>
+
+#include "calibration/se3_manifold.h"
+
+namespace gnathion {
+namespace {
+
+using RowMatrix67 = Eigen::Matrix<double, 6, 7, Eigen::RowMajor>;
+
+/// How the residual changes with the scale of its source and of its surface. Both at the surface's point: with
+/// the source's own, their sum would hold the residual itself, which shrinking both could then explain away.
+double by_source_scale(const SurfaceTerm& term, const PlanePair& p, const Rigid3& x) {
+  return -p.normal.dot(p.target_mm - x * term.scale_centre_mm);
+}
+double by_surface_scale(const SurfaceTerm& term, const PlanePair& p) {
+  return p.normal.dot(p.target_mm - term.surface_scale_centre_mm);
+}
+double by_scale(const SurfaceTerm& term, int scanner, const PlanePair& p, const Rigid3& x) {
+  double d = 0.0;
+  if (term.scanner == scanner) d += by_source_scale(term, p, x);
+  if (term.surface_scanner == scanner) d += by_surface_scale(term, p);
+  return d;
+}
+
+/// Jacobians of all pairs by (ξ, δs), a column each.
+ScoreRows rows_of(const SurfaceTerm& term, const Rigid3& x, const std::vector<int>& scanners) {
+  ScoreRows rows(6 + static_cast<long>(scanners.size()), static_cast<long>(term.pairs.size()));
+  for (std::size_t i = 0; i < term.pairs.size(); ++i) {
+    const PlanePair& p = term.pairs[i];
+    const auto column = static_cast<long>(i);
+    rows.col(column).head<6>() = p.jacobian(x);
+    for (std::size_t k = 0; k < scanners.size(); ++k)
+      rows(6 + static_cast<long>(k), column) = by_scale(term, scanners[k], p, x);
+  }
+  return rows;
+}
+
+/// L⁻¹ of a covariance, its unknowns scaled to like size; a direction that nothing measures stays finite.
+Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance) {
+  const Eigen::VectorXd scale =
+      covariance.diagonal().cwiseMax(1e-12 * covariance.diagonal().maxCoeff()).cwiseSqrt();
+  Eigen::MatrixXd even = scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal();
+  even.diagonal().array() += 1e-10;
+  const Eigen::MatrixXd lower = Eigen::LLT<Eigen::MatrixXd>(even).matrixL();
+  return lower.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd(scale.cwiseInverse().asDiagonal()));
+}
+
+}  // namespace
+
+std::vector<int> scanners_of(const SurfaceTerm& term) {
+  std::vector<int> out;
+  if (term.scanner >= 0) out.push_back(term.scanner);
+  if (term.surface_scanner >= 0 && term.surface_scanner != term.scanner) out.push_back(term.surface_scanner);
+  return out;
+}
+
+TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {
+  TermScore s;
+  s.at = pose;
+  s.scanners = scanners_of(term);
+  for (const int k : s.scanners)
+    s.scales_at.push_back(k == term.scanner ? term.source_scale : term.surface_scale);
+  const ScoreRows rows = rows_of(term, pose, s.scanners);
+  s.information = Eigen::MatrixXd::Zero(rows.rows(), rows.rows());
+  s.score = Eigen::VectorXd::Zero(rows.rows());
+  for (std::size_t i = 0; i < term.pairs.size(); ++i) {
+    const PlanePair& p = term.pairs[i];
+    if (!(p.weight > 0.0)) continue;
+    const auto j = rows.col(static_cast<long>(i));
+    s.information.noalias() += p.weight * j * j.transpose();
+    s.score += p.weight * p.residual_mm(pose) * j;
+  }
+  s.noise = term.scale_mm * term.scale_mm * s.information;
+  return s;
+}
+
+Eigen::MatrixXd score_noise(const SurfaceTerm& term, const Rigid3& pose) {
+  return score_covariance(term.pairs, rows_of(term, pose, scanners_of(term)), term.noise);
+}
+
+ScoreCost::ScoreCost(const TermScore& score, bool has_left)
+    : at_(score.at), scales_at_(score.scales_at), has_left_(has_left) {
+  const Eigen::MatrixXd whiten = whitening(score.noise);
+  slope_ = whiten * score.information;
+  offset_ = whiten * score.score;
+  set_num_residuals(static_cast<int>(offset_.size()));
+  for (int k = 0; k < (has_left ? 2 : 1); ++k) mutable_parameter_block_sizes()->push_back(7);
+  for (std::size_t k = 0; k < scales_at_.size(); ++k) mutable_parameter_block_sizes()->push_back(1);
+}
+
+bool ScoreCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  const Rigid3 a = has_left_ ? rigid_from_parameters(parameters[0]) : Rigid3::identity();
+  const std::size_t right = has_left_ ? 1 : 0;
+  Eigen::VectorXd moved(offset_.size());
+  moved.head<6>() = difference(a.inverse() * rigid_from_parameters(parameters[right]), at_);
+  for (std::size_t k = 0; k < scales_at_.size(); ++k)
+    moved[6 + static_cast<long>(k)] = parameters[right + 1 + k][0] - scales_at_[k];
+  Eigen::Map<Eigen::VectorXd>(residuals, offset_.size()) = slope_ * moved + offset_;
+  if (jacobians == nullptr) return true;
+  // X = A⁻¹B: exp(b) on B moves X by Ad_{A⁻¹}b, exp(a) on A by −Ad_{A⁻¹}a. The logarithm's own derivative is
+  // 1 where it counts: rounds are repeated until X stands still at its `at`. Ceres multiplies by the
+  // manifold's PlusJacobian; MinusJacobian is its left inverse.
+  const Se3Manifold manifold;
+  const Eigen::MatrixXd by_pose = slope_.leftCols<6>() * adjoint(a.inverse());
+  const auto put_pose = [&](std::size_t block, double sign) {
+    if (jacobians[block] == nullptr) return;
+    RowMatrix67 lift;
+    manifold.MinusJacobian(parameters[block], lift.data());
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 7, Eigen::RowMajor>>(jacobians[block], offset_.size(),
+                                                                          7) = sign * by_pose * lift;
+  };
+  if (has_left_) put_pose(0, -1.0);
+  put_pose(right, 1.0);
+  for (std::size_t k = 0; k < scales_at_.size(); ++k)
+    if (jacobians[right + 1 + k] != nullptr)
+      Eigen::Map<Eigen::VectorXd>(jacobians[right + 1 + k], offset_.size()) =
+          slope_.col(6 + static_cast<long>(k));
+  return true;
+}
+
+KnownPoseCost::KnownPoseCost(const KnownPose& known)
+    : value_(known.value), whiten_(whitening(known.covariance)) {}
+
+bool KnownPoseCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  Eigen::Map<Vector6>(residuals, 6) = whiten_ * difference(rigid_from_parameters(parameters[0]), value_);
+  if (jacobians != nullptr && jacobians[0] != nullptr) {
+    RowMatrix67 lift;
+    Se3Manifold().MinusJacobian(parameters[0], lift.data());
+    Eigen::Map<RowMatrix67> out(jacobians[0]);
+    out = whiten_ * lift;
+  }
+  return true;
+}
+
+bool ScalePrior::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  residuals[0] = parameters[0][0] / sigma_;
+  if (jacobians != nullptr && jacobians[0] != nullptr) jacobians[0][0] = 1.0 / sigma_;
+  return true;
+}
+
+}  // namespace gnathion
