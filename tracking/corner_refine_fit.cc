@@ -92,9 +92,13 @@ bool cut(const Image8& image, const Side& side, double reach_px, double blur_px,
   const int stride = 1 + lines * most_across / (EdgeStrip::kCapacity - 8);
   const double line_slope = side.along[minor] / side.along[major];
   const double du = side.along[minor] / side.length_px, dd = side.normal[minor];
-  const double outer0 = std::min(reach_px, std::max(side.out0 - 1.5 * blur_px, 1.0));
-  const double outer1 = std::min(reach_px, std::max(side.out1 - 1.5 * blur_px, 1.0));
-  const double inner0 = std::min(reach_px, side.in0), inner1 = std::min(reach_px, side.in1);
+  // Neither what lies beyond the white margin nor the second row of data cells may shine in.
+  const auto outer = [&](double cell) { return std::min(reach_px, std::max(cell - 2.3 * blur_px, 1.0)); };
+  const auto inner = [&](double cell) {
+    return std::min({reach_px, cell, std::max(2 * cell - 2.3 * blur_px, 1.0)});
+  };
+  const double outer0 = outer(side.out0), outer1 = outer(side.out1);
+  const double inner0 = inner(side.in0), inner1 = inner(side.in1);
   const int step = by_column ? image.width_px : 1, line_step = by_column ? 1 : image.width_px;
   const int minor_end = by_column ? image.height_px : image.width_px;
   int n = 0;
