@@ -153,6 +153,7 @@ ViewResult result_of(const Problem& problem, const State& state, const View& vie
   Vector3 middle = Vector3::Zero();
   for (const Corner& c : view.corners) {
     const auto e = residual(problem, state, view, c);
+    r.corners_px.push_back(c.px);
     r.residuals_px.push_back(e ? *e : Vector2::Constant(std::nan("")));
     sum += e ? e->squaredNorm() : 0;
     middle +=
@@ -188,12 +189,11 @@ CameraCalibration calibration_of(const CameraSolution& s, const CameraCalibratio
 
 }  // namespace camera_problem
 
-Result<CameraCalibration> calibrate_camera(const CalibrationBoard& board, int width_px, int height_px,
-                                           const std::vector<BoardView>& views,
+Result<CameraCalibration> calibrate_camera(const CalibrationBoard& board, const std::string& name,
+                                           int width_px, int height_px, const std::vector<BoardView>& views,
                                            const CameraCalibrationOptions& options, Progress& progress) {
   progress.begin_step("solving", 0.3);
-  GNATHION_TRY(const CameraSolution solution,
-               solve_camera(board, "views", width_px, height_px, views, options));
+  GNATHION_TRY(const CameraSolution solution, solve_camera(board, name, width_px, height_px, views, options));
   progress.begin_step("cross-validation", 0.1);
   return calibration_of(solution, options);
 }

@@ -37,6 +37,7 @@ struct ViewResult {
   double held_out_px = 0;  ///< the same with intrinsics from other views (see CameraCalibration)
   double tilt_deg = 0;     ///< between the board's normal and the line of sight
   Rigid3 camera_from_board;
+  std::vector<Eigen::Vector2d> corners_px;    ///< measured
   std::vector<Eigen::Vector2d> residuals_px;  ///< measured − predicted, in the order of the view's corners
 };
 
@@ -76,10 +77,10 @@ struct CameraCalibration {
   double focal_sigma_px() const;
 };
 
-/// Refused (kInput): fewer than min_views distinct views, a focal length that the views do not determine,
-/// views of two cameras, corners that no pinhole camera makes.
-Result<CameraCalibration> calibrate_camera(const CalibrationBoard& board, int width_px, int height_px,
-                                           const std::vector<BoardView>& views,
+/// `name` stands in messages. Refused (kInput): fewer than min_views distinct views, a focal length that the
+/// views do not determine, views of two cameras, corners that no pinhole camera makes.
+Result<CameraCalibration> calibrate_camera(const CalibrationBoard& board, const std::string& name,
+                                           int width_px, int height_px, const std::vector<BoardView>& views,
                                            const CameraCalibrationOptions& options, Progress& progress);
 
 }  // namespace gnathion
