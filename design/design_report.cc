@@ -53,8 +53,13 @@ json freedom_facts(const SplintVerification& v) {
 
 json seating_facts(const std::optional<PredictedSeating>& seating) {
   if (!seating) return nullptr;
-  return {
-      {"alpha_deg", seating->alpha_deg}, {"t_mm", seating->t_mm}, {"max_tooth_mm", seating->max_tooth_mm}};
+  return {{"alpha_deg", seating->alpha_deg},
+          {"t_mm", seating->t_mm},
+          {"max_tooth_mm", seating->max_tooth_mm},
+          {"splint_mm", seating->splint_mm},
+          {"bite_mm", seating->bite_mm},
+          {"natural_mm", seating->natural_mm},
+          {"play_mm", seating->play_mm}};
 }
 
 const char* arch_name(Arch arch) {

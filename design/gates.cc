@@ -4,7 +4,8 @@ namespace gnathion {
 namespace {
 
 constexpr double kPenetrationMm = 0.02;
-constexpr double kExcursionMm = 0.15;      // the coarse sweep of the opposing arch is good to about 0.1
+constexpr double kExcursionMm = 0.15;  // the coarse sweep of the opposing arch is good to about 0.1
+constexpr double kSeatingMm = 0.02, kSeatingDeg = 0.05;
 constexpr double kWallToleranceMm = 0.02;  // of triangles at 0.1 mm voxels
 
 Gate at_most(const std::string& name, double value, double limit, bool blocks = true) {
@@ -30,6 +31,11 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_least("wall_min_mm", v.thickness.min_mm, p.aperture_limit_mm - kWallToleranceMm));
   gates.push_back(at_least("side_wall_p01_mm", side_wall_p01_mm, p.wall_mm - kWallToleranceMm));
   if (v.freedom) gates.push_back(at_most("excursions_depth_mm", v.freedom->deepest_mm, kExcursionMm));
+  if (v.predicted_seating) {
+    gates.push_back(at_most("predicted_seating_t_mm", v.predicted_seating->t_mm, kSeatingMm, false));
+    gates.push_back(
+        at_most("predicted_seating_alpha_deg", v.predicted_seating->alpha_deg, kSeatingDeg, false));
+  }
   gates.push_back(at_most("contact_surface_p99_mm", v.contact_surface_error.p99_mm, 0.02, false));
   gates.push_back(at_least("contacts_left_mm2", v.contacts.left_area_mm2, 0.1, false));
   gates.push_back(at_least("contacts_right_mm2", v.contacts.right_area_mm2, 0.1, false));

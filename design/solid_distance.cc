@@ -46,6 +46,14 @@ void set_side(SignedDistance& d, bool inside) {
   d.distance_mm = inside ? -distance : distance;
 }
 
+SolidHit hit_of(const SolidGroup::Point& p) {
+  const ClosestPoint& closest = p.distance.closest;
+  const double distance = p.distance.distance_mm;
+  const bool off = std::abs(distance) > kCarefulMm;
+  const Vector3 out = off ? Vector3((p.p_mm - closest.point_mm) / distance) : closest.normal;
+  return {distance, closest.point_mm, out.normalized()};
+}
+
 }  // namespace
 
 std::optional<SignedDistance> solid_distance(const MeshQuery& solid, const Vector3& p_mm,
@@ -112,8 +120,7 @@ std::vector<SolidHit> solid_hits(const MeshQuery& solid, const std::vector<Vecto
         members.push_back({points[*p], max_distance_mm, false, {}});
       group.measure(members);
       for (std::size_t i = 0; i < members.size(); ++i)
-        if (members[i].found)
-          out[groups.begin(g)[i]] = {members[i].distance.distance_mm, members[i].distance.closest.point_mm};
+        if (members[i].found) out[groups.begin(g)[i]] = hit_of(members[i]);
     }
   });
   return out;

@@ -41,6 +41,7 @@ class SolidGroup {
 struct SolidHit {
   double distance_mm = std::numeric_limits<double>::infinity();
   Vector3 point_mm = Vector3::Zero();  ///< closest on the surface
+  Vector3 normal = Vector3::Zero();    ///< unit, out of the solid: the distance's gradient
 };
 std::vector<SolidHit> solid_hits(const MeshQuery& solid, const std::vector<Vector3>& points_mm,
                                  double max_distance_mm);

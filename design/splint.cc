@@ -118,6 +118,9 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     verify_fit(splint, preparation, inputs.arch, design.verification);
     verify_contacts(inputs, splint, preparation, design.verification);
     verify_freedom(splint, preparation, design.verification);
+    verify_seating(inputs, splint, preparation, design.verification);
+    if (!design.verification.seating_note.empty())
+      design.warnings.push_back(design.verification.seating_note + ": no predicted seating");
     design.verification.apertures = found_apertures(
         field, inputs.support(), assign_teeth(inputs.support(), preparation.arch, inputs.arch), inputs.arch);
     const Rigid3 dental = preparation.design_from_dental.inverse();

@@ -30,11 +30,16 @@ struct Aperture {
   std::string cause;
 };
 
-/// The splint and its arch settled against each other as rigid bodies (Dental).
+/// Where the opposing arch comes to rest: the splint settled on its arch, then the opposing arch on the
+/// splint, as rigid bodies under a bite force; told against TP, relative to the same settling of the natural
+/// MI.
 struct PredictedSeating {
   double alpha_deg = 0.0;
   double t_mm = 0.0;          ///< displacement of the arch's centroid
   double max_tooth_mm = 0.0;  ///< largest displacement over the crowns
+  // What each of the three settlings moved, and the splint's play on its arch.
+  double splint_mm = 0.0, bite_mm = 0.0, natural_mm = 0.0;
+  double play_mm = 0.0;  ///< half of the way to and fro across a, seated lightly
 };
 
 struct SplintVerification {
@@ -68,6 +73,7 @@ struct SplintVerification {
   };
   std::optional<Freedom> freedom;  ///< where excursions were asked for
   std::optional<PredictedSeating> predicted_seating;
+  std::string seating_note;  ///< why there is none
 };
 
 /// A bar that the result must meet.

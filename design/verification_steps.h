@@ -37,6 +37,10 @@ void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, c
 /// Depth of the opposing arch in the splint on its excursions; nothing where none were asked for.
 void verify_freedom(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out);
 
+/// Settles splint and opposing arch; fills predicted_seating or seating_note.
+void verify_seating(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
+                    SplintVerification& out);
+
 /// Apertures, from the film between cavity and opposing arch on the coarse grid. `support_dental` wears the
 /// splint.
 std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& support_dental,

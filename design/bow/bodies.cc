@@ -18,7 +18,7 @@ constexpr double kBar_mm = 3.2;      // radius of the carrier's bar
 constexpr double kBehind_mm = 10.0;  // of the bar behind the plates
 constexpr int kColumns = 5;
 constexpr double kGap_mm = 1.6;  // between plates of a row
-constexpr double kYaw_deg = 14;
+constexpr double kYaw_deg = 10;
 constexpr double kBandThickness_mm = 4.0, kBandHeight_mm = 20.0, kBandHalf_deg = 62.0;
 constexpr double kStrapSlot_mm = 3.5, kStrapHeight_mm = 12.0;
 
@@ -90,7 +90,7 @@ std::vector<TagPlate> bow_plates(const BowParameters& p) {
   std::vector<TagPlate> plates;
   for (int row = 0; row < 2; ++row)
     for (int c = 0; c < kColumns; ++c) {
-      const double x = (c - 2) * pitch + row, yaw = ((c + row) % 2 == 0 ? kYaw_deg : -kYaw_deg) - 0.12 * x;
+      const double x = (c - 2) * pitch + row, yaw = ((c + row) % 2 == 0 ? kYaw_deg : -kYaw_deg);
       const double y = curved_y(x, p.carrier_distance_mm) - (row == 0 ? 4 : 0);
       const auto at = static_cast<std::size_t>(c);
       TagPlate plate = tag_plate_at(row * kColumns + c, {x, y, row == 0 ? -half - 0.5 : half + 0.5}, yaw,
@@ -103,9 +103,13 @@ std::vector<TagPlate> bow_plates(const BowParameters& p) {
 
 BodyField bow_field(const Clutch& clutch, const PlateSolids& plates, const BowParameters& p) {
   const auto bar = bar_points(p);
-  const double top = clutch.stem_top_mm(), stem_z = top - 0.5 * p.stem_height_mm;
-  const double back = clutch.front_y_mm() + 1.5, front = bar[2].y() + 2;
-  const Vector3 half(0.5 * p.stem_width_mm, 0.5 * (back - front), 0.5 * p.stem_height_mm);
+  // As high as the clutch at its root: what reached below would end in a wedge over the gingiva.
+  const double top = clutch.stem_top_mm(),
+               height = std::clamp(top - clutch.stem_bottom_mm(), 2.0, p.stem_height_mm);
+  const double stem_z = top - 0.5 * height,
+               back = clutch.front_y_mm() - p.bonding_gap_mm - 0.4 * p.clutch_thickness_mm,
+               front = bar[2].y() + 2;
+  const Vector3 half(0.5 * p.stem_width_mm, 0.5 * (back - front), 0.5 * height);
   const Vector3 middle(0, 0.5 * (back + front), stem_z);
   const Vector3 features(0, front + 3, stem_z);
   const auto body = [=, &clutch, &plates](const Vector3& q) {
@@ -139,7 +143,7 @@ std::vector<TagPlate> head_plates(const BowParameters& p) {
       const double angle = (c - 1.5) * pitch / (r + 14) + 0.01 * row;
       const Vector3 out = -Vector3(-std::sin(angle), std::cos(angle), 0);
       const double z = row == 0 ? 4.0 : 4.0 + plate_side_mm(p) + 4.0;
-      const double yaw = 0.5 * angle * 180 / std::numbers::pi + ((c + row) % 2 == 0 ? -12 : 12);
+      const double yaw = 0.3 * angle * 180 / std::numbers::pi + ((c + row) % 2 == 0 ? -8 : 8);
       const auto at = static_cast<std::size_t>(c);
       TagPlate plate = tag_plate_at(20 + 4 * row + c, on_arc(r, angle, z) + (row == 0 ? 14 : 11) * out, yaw,
                                     row == 0 ? kPitchLow[at] : kPitchHigh[at]);

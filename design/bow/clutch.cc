@@ -1,8 +1,11 @@
 #include "design/bow/clutch.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <numbers>
 
 #include "design/bow/shapes.h"
 #include "design/distances.h"
@@ -19,6 +22,7 @@ constexpr double kStep_mm = 0.5;           // of profiles along the arch
 constexpr double kTallest_mm = 8.0;        // of the clutch below the incisal edges
 constexpr double kGingivaRelief_mm = 0.9;  // what stands below the clutch keeps this, besides the gap
 constexpr double kForward_mm = 16.0;       // how far before the teeth the maxilla matters
+constexpr double kPapilla_mm = 0.8;        // between two teeth the margin stands higher by this
 constexpr double kSmoothing_mm = 1.2;      // closing radius of the outer face: embrasures
 constexpr double kFar = 1e3;
 
@@ -89,35 +93,70 @@ Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
     return bad_input("cannot design a bow", "mandible", "the lower front teeth (43 to 33) are not there");
   c.s_low_ = low + 0.3;
   c.s_high_ = high - 0.3;
+  c.find_margins(scene, ruler, low, high);
+  c.choose_withdrawal(scene, ruler);
+  c.sample(scene, teeth);
+  c.limit(ruler);
+  c.find_stem(scene);
+  return c;
+}
+
+/// The incisal edge along the arch, and the labial gingival margin: low in the middle of each tooth, higher
+/// at the papillae between them.
+void Clutch::find_margins(const ClutchScene& scene, const ArchRuler& ruler, double low, double high) {
   const auto bins = static_cast<std::size_t>((high - low) / kStep_mm) + 2;
-  std::vector<double> edge(bins, -kFar), margin(bins, kFar);
+  std::vector<double> edge(bins, -kFar);
+  struct Tooth {
+    double low = kFar, high = -kFar;
+    std::vector<std::array<double, 2>> labial;  // s, z
+  };
+  std::map<int, Tooth> teeth;
   for (std::size_t v = 0; v < scene.fdi.size(); ++v) {
     if (!is_clutch_tooth(scene.fdi[v])) continue;
     const Vector3& q = scene.mandible_scan.vertices_mm[v];
     const ArchCoordinates at = ruler.measure(q);
-    const auto bin = static_cast<std::size_t>(
-        std::clamp((at.s_mm - low) / kStep_mm + 0.5, 0.0, static_cast<double>(bins - 1)));
-    edge[bin] = std::max(edge[bin], q.z());
-    if (at.buccal_mm > 0.3) margin[bin] = std::min(margin[bin], q.z());
+    const double bin = std::clamp((at.s_mm - low) / kStep_mm + 0.5, 0.0, static_cast<double>(bins - 1));
+    edge[static_cast<std::size_t>(bin)] = std::max(edge[static_cast<std::size_t>(bin)], q.z());
+    Tooth& tooth = teeth[scene.fdi[v]];
+    tooth.low = std::min(tooth.low, at.s_mm);
+    tooth.high = std::max(tooth.high, at.s_mm);
+    if (at.buccal_mm > 0) tooth.labial.push_back({at.s_mm, q.z()});
   }
-  for (std::size_t i = 0; i < bins; ++i) {  // empty bins take their neighbours'
-    for (std::size_t k = 1; k < bins && (edge[i] < -kFar / 2 || margin[i] > kFar / 2); ++k)
-      for (const std::size_t j : {i >= k ? i - k : i, i + k < bins ? i + k : i}) {
-        if (edge[i] < -kFar / 2) edge[i] = edge[j];
-        if (margin[i] > kFar / 2) margin[i] = margin[j];
-      }
-    margin[i] = std::max(margin[i], edge[i] - kTallest_mm);
+  for (std::size_t k = 1; k < bins; ++k)  // empty bins take their neighbours'
+    for (std::size_t i = 0; i < bins; ++i) {
+      if (edge[i] > -kFar / 2) continue;
+      const double neighbour = std::max(edge[i > 0 ? i - 1 : i], edge[i + 1 < bins ? i + 1 : i]);
+      if (neighbour > -kFar / 2) edge[i] = neighbour;
+    }
+  edge_ = ArcProfile(low, kStep_mm, edge);
+
+  std::vector<std::array<double, 2>> knots;  // s, z of the margin
+  for (auto& [fdi, tooth] : teeth) {
+    const double middle = 0.5 * (tooth.low + tooth.high), quarter = 0.25 * (tooth.high - tooth.low);
+    std::vector<double> z;
+    for (const auto& [s, height] : tooth.labial)
+      if (std::abs(s - middle) < quarter) z.push_back(height);
+    if (z.empty()) continue;
+    const auto rank = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 50);
+    std::nth_element(z.begin(), rank, z.end());
+    knots.push_back({middle, std::max(*rank, edge_(middle) - kTallest_mm)});
   }
-  c.edge_ = ArcProfile(low, kStep_mm, edge);
-  c.bottom_ = ArcProfile(low, kStep_mm, margin).raised(1.0);
-  for (double& v : c.bottom_.values()) v += p.gingiva_distance_mm;
-  c.top_ = c.edge_.lowered(2.0);
-  for (double& v : c.top_.values()) v -= p.rim_below_edge_mm;
-  c.choose_withdrawal(scene, ruler);
-  c.sample(scene, teeth);
-  c.limit(scene, ruler);
-  c.find_stem(scene);
-  return c;
+  std::sort(knots.begin(), knots.end());
+  if(getenv("BOWDBG")) for(auto&k:knots) printf("knot s %.2f z %.2f edge %.2f\n",k[0],k[1],edge_(k[0]));
+  std::vector<double> margin(bins);
+  for (std::size_t i = 0; i < bins; ++i) {
+    const double s = low + kStep_mm * static_cast<double>(i);
+    std::size_t k = 0;
+    while (k + 1 < knots.size() && knots[k + 1][0] < s) ++k;
+    const auto& a = knots[k];
+    const auto& b = knots[std::min(k + 1, knots.size() - 1)];
+    const double width = b[0] - a[0], t = width > 0 ? std::clamp((s - a[0]) / width, 0.0, 1.0) : 0.0;
+    margin[i] = a[1] + t * (b[1] - a[1]) + kPapilla_mm * std::pow(std::sin(t * std::numbers::pi), 2) +
+                par_.gingiva_distance_mm;
+  }
+  bottom_ = ArcProfile(low, kStep_mm, margin).raised(0.5);
+  top_ = edge_.lowered(2.0);
+  for (double& v : top_.values()) v -= par_.rim_below_edge_mm;
 }
 
 /// The mean normal of the labial surfaces, kept in the midsagittal direction.
@@ -174,7 +213,7 @@ void Clutch::sample(const ClutchScene& scene, const Box& teeth) {
 }
 
 /// Lowers the rim where the maxilla comes near the shell, and writes the limits into a grid.
-void Clutch::limit(const ClutchScene& scene, const ArchRuler& ruler) {
+void Clutch::limit(const ArchRuler& ruler) {
   const GridShape& shape = teeth_.shape();
   const Rigid3 bow_from_grid = grid_from_bow_.inverse();
   struct Node {
@@ -225,7 +264,7 @@ void Clutch::limit(const ClutchScene& scene, const ArchRuler& ruler) {
   int count = 0;
   for (double s = s_low_; s <= s_high_; s += kStep_mm, ++count) sum += std::max(0.0, top_(s) - bottom_(s));
   height_ = sum / count;
-  (void)scene;
+  if(getenv("BOWDBG")) for(double s=s_low_;s<=s_high_;s+=1) printf("s %.1f edge %.2f top %.2f bottom %.2f\n",s,edge_(s),top_(s),bottom_(s));
 }
 
 /// Where the stem may leave the clutch: below everything that the maxilla does before the teeth.
@@ -233,7 +272,12 @@ void Clutch::find_stem(const ClutchScene& scene) {
   const double mid_z = 0.5 * (top_(0) + bottom_(0));
   const auto hit = scene.mandible.ray({0, reach_.min_mm.y() - 5, mid_z}, Vector3::UnitY(), 0, 60);
   front_y_ = hit ? hit->point_mm.y() : 0;
-  stem_top_ = top_(0) - 0.3;
+  stem_top_ = top_(0);
+  stem_bottom_ = bottom_(0);
+  for (double s = -0.5 * par_.stem_width_mm; s <= 0.5 * par_.stem_width_mm; s += kStep_mm) {
+    stem_top_ = std::min(stem_top_, top_(s) - 0.1);
+    stem_bottom_ = std::max(stem_bottom_, bottom_(s) + 0.1);
+  }
   const GridShape& shape = maxilla_.shape();
   const Rigid3 bow_from_grid = grid_from_bow_.inverse();
   for (int i = 0; i < shape.nodes.x(); ++i)

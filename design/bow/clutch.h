@@ -64,6 +64,7 @@ class Clutch {
   const Vector3& withdrawal() const { return withdrawal_; }  ///< unit, away from the teeth
   double front_y_mm() const { return front_y_; }             ///< of the labial surface at the stem
   double stem_top_mm() const { return stem_top_; }           ///< highest that a stem may reach, maxilla apart
+  double stem_bottom_mm() const { return stem_bottom_; }     ///< where the clutch ends there
   double height_mm() const { return height_; }               ///< mean height of the shell
 
  private:
@@ -72,7 +73,8 @@ class Clutch {
   double room_of(const Terms& t) const;
   void choose_withdrawal(const ClutchScene& scene, const ArchRuler& ruler);
   void sample(const ClutchScene& scene, const Box& teeth);
-  void limit(const ClutchScene& scene, const ArchRuler& ruler);
+  void find_margins(const ClutchScene& scene, const ArchRuler& ruler, double low_mm, double high_mm);
+  void limit(const ArchRuler& ruler);
   void find_stem(const ClutchScene& scene);
 
   BowParameters par_;
@@ -83,7 +85,7 @@ class Clutch {
   double s_low_ = 0, s_high_ = 0;
   ArcProfile edge_, top_, bottom_;
   CoarseGrid teeth_, shadow_, outer_, maxilla_, limits_, below_;
-  double front_y_ = 0, stem_top_ = 0, height_ = 0;
+  double front_y_ = 0, stem_top_ = 0, stem_bottom_ = 0, height_ = 0;
 };
 
 }  // namespace gnathion

@@ -1,10 +1,17 @@
 #include "design/bow/tag_plates.h"
 
+#include <array>
 #include <numbers>
 
+#include "core/check.h"
 #include "design/bow/shapes.h"
 
 namespace gnathion {
+namespace {
+
+constexpr std::size_t kMostPlates = 16;
+
+}  // namespace
 
 double sticker_side_mm(const BowParameters& p) {
   return p.tag_side_mm * 10.0 / 8.0;
@@ -36,31 +43,37 @@ PlateSolids::PlateSolids(std::vector<TagPlate> plates, const BowParameters& p)
       half_side_(plate_side_mm(p) / 2),
       pocket_half_(sticker_side_mm(p) / 2 + kPocketClearance_mm),
       floor_(-p.sticker_thickness_mm) {
+  GNATHION_CHECK(plates_.size() <= kMostPlates);
   for (const TagPlate& plate : plates_) plate_from_body_.push_back(plate.body_from_plate.inverse());
 }
 
 double PlateSolids::joined(double other_mm, const Vector3& p_mm) const {
   const double top = floor_ + kPocketDepth_mm, middle = top - 0.5 * kPlateThickness_mm;
-  double d = other_mm, pocket = 1e3;
+  double rods = other_mm, front = 1e3;
+  std::array<Vector3, kMostPlates> local;
+  std::array<bool, kMostPlates> far{};
+  double apart = 1e3;  // to the plates that are too far to matter
   for (std::size_t i = 0; i < plates_.size(); ++i) {
-    const Vector3& root = plates_[i].root_mm;
-    const Vector3 back = plates_[i].body_from_plate * Vector3(0, 0, top - kPlateThickness_mm);
-    const double reach = 0.5 * (root - back).norm() + 0.75 * 2 * half_side_;
-    const double apart = (p_mm - 0.5 * (root + back)).norm() - reach;
-    if (apart > d + 3 && apart > 3) {
-      d = std::min(d, apart);
-      continue;
-    }
-    const Vector3 local = plate_from_body_[i] * p_mm;
-    const double plate =
-        shape::block(local - Vector3(0, 0, middle), {half_side_, half_side_, 0.5 * kPlateThickness_mm}, 0.3);
-    const double post =
-        shape::capsule(p_mm, plates_[i].body_from_plate * Vector3(0, 0, middle), root, kPost_mm);
-    d = shape::join(d, shape::join(plate, post, 2.0), 1.5);
-    pocket = std::min(pocket,
-                      shape::block(local - Vector3(0, 0, floor_ + 5), {pocket_half_, pocket_half_, 5}, 0.0));
-    // Before the pocket nothing stands: neither fillets nor posts.
-    pocket = std::min(pocket, shape::block(local - Vector3(0, 0, top + 4), {half_side_, half_side_, 4}, 0.0));
+    local[i] = plate_from_body_[i] * p_mm;
+    const Vector3 centre = plates_[i].body_from_plate * Vector3(0, 0, middle), &root = plates_[i].root_mm;
+    const double away =
+        (p_mm - 0.5 * (root + centre)).norm() - 0.5 * (root - centre).norm() - 1.5 * half_side_;
+    far[i] = away > 3;
+    apart = std::min(apart, far[i] ? away : apart);
+    if (far[i]) continue;
+    rods = shape::join(rods, shape::capsule(p_mm, centre, root, kPost_mm), 2.0);
+    front = std::min(front, shape::block(local[i] - Vector3(0, 0, middle + 6),
+                                         {half_side_ + 0.5, half_side_ + 0.5, 6}, 0.0));
+  }
+  rods = std::max(rods, -front);  // before a plate's middle stand neither posts nor fillets
+  double d = std::min(rods, apart), pocket = 1e3;
+  for (std::size_t i = 0; i < plates_.size(); ++i) {
+    if (far[i]) continue;
+    const double plate = shape::block(local[i] - Vector3(0, 0, middle),
+                                      {half_side_, half_side_, 0.5 * kPlateThickness_mm}, 0.3);
+    d = std::min(d, shape::join(rods, plate, 1.5));
+    pocket = std::min(
+        pocket, shape::block(local[i] - Vector3(0, 0, floor_ + 1), {pocket_half_, pocket_half_, 1}, 0.0));
   }
   return std::max(d, -pocket);
 }

@@ -55,6 +55,10 @@ TEST(DesignPhantom, PassesItsGatesAtFullResolution) {
   EXPECT_GT(v.contacts.right_area_mm2, 0.5);
   EXPECT_GE(v.kept_fraction, 0.9);
   EXPECT_TRUE(v.apertures.empty());
+  ASSERT_TRUE(v.predicted_seating) << v.seating_note;
+  EXPECT_LE(v.predicted_seating->t_mm, 0.02);
+  EXPECT_LE(v.predicted_seating->alpha_deg, 0.05);
+  EXPECT_GT(v.predicted_seating->play_mm, 0.0);
 }
 
 TEST(DesignPhantom, TheSameSplintWhereverTheJawsLie) {

@@ -1,0 +1,143 @@
+#include "design/settling.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "design/solid_distance.h"
+#include "occlusion/contacts.h"
+
+namespace gnathion {
+namespace {
+
+constexpr double kStepMm = 0.25;    // between points of the moving body's surface
+constexpr double kLeverMm = 20.0;   // scales rotations to lengths: an arch's half width
+constexpr double kHoldN_mm = 1e-3;  // spring that keeps what nothing determines
+constexpr double kAwayMm = 1.5;     // farther than this nothing holds it
+constexpr int kSteps = 200;
+
+using Jacobian = Eigen::Matrix<double, 6, 1>;
+
+/// Gap's derivative by (ω·lever, v) about `centre`.
+Jacobian by_motion(const TouchPoint& t, const Vector3& centre) {
+  Jacobian j;
+  j << (t.p_mm - centre).cross(t.normal) / kLeverMm, t.normal;
+  return j;
+}
+
+struct System {
+  std::vector<Jacobian> rows;
+  std::vector<double> gaps, weights;  // mm, N/mm
+  Jacobian pull;                      // force, generalised
+
+  double energy(const Jacobian& x) const {
+    double e = 0.5 * kHoldN_mm * x.squaredNorm() - pull.dot(x);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      const double depth = std::min(0.0, gaps[i] + rows[i].dot(x));
+      e += 0.5 * weights[i] * depth * depth;
+    }
+    return e;
+  }
+  /// Gradient and Hessian at x, over what touches there.
+  void derivatives(const Jacobian& x, Jacobian& gradient, Matrix6& hessian) const {
+    gradient = kHoldN_mm * x - pull;
+    hessian = kHoldN_mm * Matrix6::Identity();
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      const double depth = gaps[i] + rows[i].dot(x);
+      if (depth >= 0.0) continue;
+      gradient += weights[i] * depth * rows[i];
+      hessian.noalias() += weights[i] * rows[i] * rows[i].transpose();
+    }
+  }
+};
+
+/// Newton with halved steps, from softer foundations to the stiff one: few points touch at first, and with a
+/// stiff one alone the steps would jump from set to set.
+Jacobian minimum(System& system) {
+  Jacobian x = Jacobian::Zero();
+  const std::vector<double> stiff = system.weights;
+  for (const double softness : {1e-3, 1e-2, 1e-1, 1.0}) {
+    for (std::size_t i = 0; i < stiff.size(); ++i) system.weights[i] = softness * stiff[i];
+    double energy = system.energy(x);
+    for (int step = 0; step < kSteps; ++step) {
+      Jacobian gradient;
+      Matrix6 hessian;
+      system.derivatives(x, gradient, hessian);
+      Jacobian move = -hessian.ldlt().solve(gradient);
+      if (move.norm() > 0.5) move *= 0.5 / move.norm();
+      double scale = 1.0, next = system.energy(x + move);
+      while (next > energy && scale > 1e-6) {
+        scale *= 0.5;
+        next = system.energy(x + scale * move);
+      }
+      if (next > energy || scale * move.norm() < 1e-8) break;
+      x += scale * move;
+      energy = next;
+      if (x.norm() > 10.0 * kAwayMm) return x;
+    }
+  }
+  return x;
+}
+
+}  // namespace
+
+std::vector<TouchPoint> touch_points(const MeshQuery& at_rest, const MeshQuery& moving,
+                                     const std::vector<bool>& moving_triangles, double reach_mm) {
+  std::vector<Vector3> points;
+  std::vector<double> area;
+  Box box;
+  for (const SurfaceSample& s : sample_surface(moving.mesh(), kStepMm, moving_triangles)) {
+    points.push_back(s.p_mm);
+    area.push_back(s.area_mm2);
+    box.extend(s.p_mm);
+  }
+  std::vector<TouchPoint> out;
+  const std::vector<SolidHit> hits = solid_hits(at_rest, points, reach_mm);
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (std::isfinite(hits[i].distance_mm))
+      out.push_back({points[i], hits[i].normal, hits[i].distance_mm, area[i]});
+
+  // Cusps of the body at rest, which the samples may step over.
+  const TriangleMesh& rest = at_rest.mesh();
+  std::vector<double> share(rest.vertices_mm.size(), 0.0);
+  for (std::size_t t = 0; t < rest.triangles.size(); ++t)
+    for (const std::uint32_t v : rest.triangles[t]) share[v] += face_normal_scaled(rest, t).norm() / 6.0;
+  points.clear();
+  area.clear();
+  for (std::size_t v = 0; v < share.size(); ++v) {
+    const Vector3& p = rest.vertices_mm[v];
+    if (share[v] <= 0.0 || (p.array() < box.min_mm.array() - reach_mm).any() ||
+        (p.array() > box.max_mm.array() + reach_mm).any())
+      continue;
+    points.push_back(p);
+    area.push_back(share[v]);
+  }
+  const std::vector<SolidHit> back = solid_hits(moving, points, reach_mm);
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (std::isfinite(back[i].distance_mm))
+      out.push_back({back[i].point_mm, -back[i].normal, back[i].distance_mm, area[i]});
+  return out;
+}
+
+Settled settled(const std::vector<TouchPoint>& points, const PressingForce& force,
+                double stiffness_n_per_mm3) {
+  const Vector3 centre = force.through_mm;  // the force has no moment about it
+  System system;
+  system.pull << Vector3::Zero(), force.force_n;
+  for (const TouchPoint& t : points) {
+    system.rows.push_back(by_motion(t, centre));
+    system.gaps.push_back(t.gap_mm);
+    system.weights.push_back(stiffness_n_per_mm3 * t.area_mm2);
+  }
+  const Jacobian x = minimum(system);
+  Settled out;
+  const Vector3 turn = x.head<3>() / kLeverMm;
+  const Rigid3 about{exp_so3(turn), centre + x.tail<3>() - exp_so3(turn) * centre};
+  out.motion = about;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    out.deepest_mm = std::max(out.deepest_mm, -(system.gaps[i] + system.rows[i].dot(x)));
+  out.at_rest = x.norm() < kAwayMm;
+  return out;
+}
+
+}  // namespace gnathion
