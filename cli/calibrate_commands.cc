@@ -1,4 +1,4 @@
-// calibrate camera, calibrate rig, calibrate time.
+// calibrate camera, calibrate rig, calibrate time; recording shift.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -181,6 +181,25 @@ void add_calibrate_time(CLI::App& group, ChosenCommand& chosen) {
 }
 
 }  // namespace
+
+void add_shift_command(CLI::App& recording, ChosenCommand& chosen) {
+  struct Options {
+    std::string recording, time, out;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command = recording.add_subcommand(
+      "shift", "the recording again, one stream's capture times moved by what 'calibrate time' found");
+  command->add_option("FILE", o->recording, "recording (.mcap)")->required();
+  command->add_option("--time", o->time, "time.json; its second stream is moved")->required();
+  command->add_option("--out", o->out, "recording to write")->required();
+  finish_command(
+      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_CHECK_OK(may_write(o->out, common, {o->recording, o->time}));
+        GNATHION_TRY(const std::size_t moved, shift_recording({o->recording, o->time, o->out}, progress));
+        return CommandOutput{fmt::format("{} samples moved\n", moved),
+                             text_of({{"moved", moved}, {"out", o->out}}), false};
+      });
+}
 
 void add_calibrate_commands(CLI::App& calibrate, ChosenCommand& chosen) {
   add_calibrate_camera(calibrate, chosen);

@@ -44,8 +44,10 @@ void finish_command(CLI::App& command, ChosenCommand& chosen, CommandBody body, 
 void add_demo_commands(CLI::App& app, ChosenCommand& chosen);       // demo, phantom
 void add_recording_commands(CLI::App& app, ChosenCommand& chosen);  // recording info|verify|recover|capture
 void add_exchange_commands(CLI::App& recording, ChosenCommand& chosen);  // recording import|export
-void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion
+void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate chain, transform scans|motion|manual
+void add_shift_command(CLI::App& recording, ChosenCommand& chosen);  // recording shift
 void add_calibrate_commands(CLI::App& calibrate, ChosenCommand& chosen);  // calibrate camera|rig|time
+void add_frames_commands(CLI::App& app, ChosenCommand& chosen);     // frames
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
 void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate

@@ -122,6 +122,7 @@ void add_recording_commands(CLI::App& app, ChosenCommand& chosen) {
   add_recover(*recording, chosen);
   add_capture(*recording, chosen);
   add_exchange_commands(*recording, chosen);
+  add_shift_command(*recording, chosen);
 }
 
 }  // namespace gnathion

@@ -29,4 +29,11 @@ Result<TimeCalibrationResult> run_time_calibration(const TimeCalibrationJob& job
 nlohmann::json time_calibration_json(const TimeCalibrationJob& job, const TimeCalibrationResult& result);
 std::string time_calibration_text(const TimeCalibrationJob& job, const TimeCalibrationResult& result);
 
+/// A recording again, with the capture times of the calibration's second stream moved onto the first's clock.
+struct TimeShiftJob {
+  std::filesystem::path recording, time, out;  ///< time.json of run_time_calibration
+};
+/// Samples moved. The calibration is attached, and a second shift of the stream refused.
+Result<std::size_t> shift_recording(const TimeShiftJob& job, Progress& progress);
+
 }  // namespace gnathion
