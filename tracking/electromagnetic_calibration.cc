@@ -104,6 +104,16 @@ Solved solve(const std::vector<SensorPair>& pairs, double sigma_mm, double sigma
   return s;
 }
 
+/// An axis without a sign: its largest part is positive, and no zero is negative.
+Vector3 shown(Vector3 axis) {
+  Eigen::Index largest = 0;
+  axis.cwiseAbs().maxCoeff(&largest);
+  if (axis[largest] < 0) axis = -axis;
+  for (double& v : axis)
+    if (std::abs(v) < 0.005) v = 0;
+  return axis;
+}
+
 /// Names what the bow's frame is not determined in: principal directions of the covariance, in words.
 void name_weak(const Matrix6& covariance, const Vector3& at_mm, std::vector<std::string>* weak) {
   constexpr double kWeak_deg = 0.5, kWeak_mm = 0.5;
@@ -114,14 +124,14 @@ void name_weak(const Matrix6& covariance, const Vector3& at_mm, std::vector<std:
       shift(here.bottomRightCorner<3, 3>());
   for (int i = 0; i < 3; ++i) {
     const double deg = std::sqrt(std::max(0.0, turn.eigenvalues()[i])) / kDeg;
-    const Vector3 a = turn.eigenvectors().col(i);
+    const Vector3 a = shown(turn.eigenvectors().col(i));
     if (deg > kWeak_deg)
       weak->push_back(fmt::format("rotation about ({:.2f}, {:.2f}, {:.2f}) of the bow is weak: {:.2f} deg",
                                   a.x(), a.y(), a.z(), deg));
   }
   for (int i = 0; i < 3; ++i) {
     const double mm = std::sqrt(std::max(0.0, shift.eigenvalues()[i]));
-    const Vector3 a = shift.eigenvectors().col(i);
+    const Vector3 a = shown(shift.eigenvectors().col(i));
     if (mm > kWeak_mm)
       weak->push_back(
           fmt::format("position along ({:.2f}, {:.2f}, {:.2f}) of the bow is weak: {:.2f} mm; turn the bow "
