@@ -10,6 +10,7 @@
 #include "core/file.h"
 #include "core/transform_io.h"
 #include "pipeline/bow_film.h"
+#include "pipeline/bow_print.h"
 
 namespace gnathion {
 namespace {
@@ -81,6 +82,54 @@ void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen) {
       ->check(CLI::Range(0.0, 60.0));
   finish_command(*command, chosen, [o](const CommonOptions& common, Progress& progress) {
     return calibrate_bow(*o, common, progress);
+  });
+}
+
+namespace {
+
+struct PrintOptions {
+  BowPrintJob job;
+  std::string out, config;
+};
+
+Result<CommandOutput> print_bow(const PrintOptions& o, const CommonOptions& common, Progress& progress) {
+  std::vector<std::string> inputs = {o.job.maxilla.string(), o.job.mandible.string(), o.config};
+  for (const auto& t : o.job.transforms) inputs.push_back(t.string());
+  GNATHION_CHECK_OK(keeps_inputs(o.out, inputs));
+  BowParameters parameters;
+  if (!o.config.empty()) {
+    GNATHION_TRY(parameters, read_bow_parameters(o.config, parameters));
+  }
+  GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o.out, common.force, {"bow.json"}));
+  GNATHION_TRY(const BowDesign design, run_bow_print(o.job, parameters, progress));
+  GNATHION_CHECK_OK(write_bow_print(o.job, design, parameters, staged.path(), progress));
+  GNATHION_CHECK_OK(staged.commit());
+  std::string text = fmt::format("{}: {:.1f} g, bonded over {:.0f} mm2\n", design.verdict, design.mass_g,
+                                 design.bonding_area_mm2);
+  for (const Gate& g : design.gates)
+    if (!g.pass) text += fmt::format("  {} is {:.3f}, limit {:.3f}\n", g.name, g.value, g.limit);
+  for (const std::string& w : design.warnings) text += "warning: " + w + "\n";
+  return CommandOutput{text, text_of(bow_design_json(design, parameters)), design.verdict != "pass"};
+}
+
+}  // namespace
+
+void add_bow_commands(CLI::App& app, ChosenCommand& chosen) {
+  CLI::App* bow = app.add_subcommand("bow", "the mandibular bow and the head frame");
+  bow->require_subcommand(1);
+  auto o = std::make_shared<PrintOptions>();
+  CLI::App* command = bow->add_subcommand("print",
+                                          "bow with a labial clutch for these teeth, head frame, and the "
+                                          "sheets of tags (docs/bow.md; exit 3: a gate fails)");
+  command->add_option("--mandible", o->job.mandible, "lower arch in MI")->required();
+  command->add_option("--maxilla", o->job.maxilla, "upper arch, same frame")->required();
+  command->add_option("--transform", o->job.transforms,
+                      "T_th: the clutch stays clear of the maxilla on the way there, too; repeatable");
+  command->add_option("--config", o->config, "TOML file with a [bow] table");
+  command->add_option("--out", o->out, "folder for STL, tag layouts, tags.pdf, bow.json and pictures")
+      ->required();
+  finish_command(*command, chosen, [o](const CommonOptions& common, Progress& progress) {
+    return print_bow(*o, common, progress);
   });
 }
 

@@ -80,8 +80,10 @@ int run_command_line(int argc, char** argv) {
   add_phantom_device();
   add_demo_commands(app, chosen);
   add_recording_commands(app, chosen);
+  add_frames_commands(app, chosen);
   add_transform_commands(app, chosen);
   add_design_commands(app, chosen);
+  add_bow_commands(app, chosen);
   add_evaluate_commands(app, chosen);
   add_motion_commands(app, chosen);
   try {

@@ -49,6 +49,7 @@ void add_shift_command(CLI::App& recording, ChosenCommand& chosen);  // recordin
 void add_calibrate_commands(CLI::App& calibrate, ChosenCommand& chosen);  // calibrate camera|rig|time
 void add_frames_commands(CLI::App& app, ChosenCommand& chosen);     // frames
 void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
+void add_bow_commands(CLI::App& app, ChosenCommand& chosen);                    // bow print
 void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
 void add_virtual_print_command(CLI::App& evaluate, ChosenCommand& chosen);  // under evaluate
