@@ -23,7 +23,9 @@ constexpr double kTallest_mm = 8.0;        // of the clutch below the incisal ed
 constexpr double kGingivaRelief_mm = 0.9;  // what stands below the clutch keeps this, besides the gap
 constexpr double kForward_mm = 16.0;       // how far before the teeth the maxilla matters
 constexpr double kPapilla_mm = 0.8;        // between two teeth the margin stands higher by this
-constexpr double kSmoothing_mm = 1.2;      // closing radius of the outer face: embrasures
+constexpr double kEmbrasure_mm = 0.6;  // grooves between teeth narrower than twice this stay empty: no fins
+constexpr double kGridError_mm = 0.04;
+constexpr double kSmoothing_mm = 1.2;  // closing radius of the outer face: embrasures
 constexpr double kFar = 1e3;
 
 bool is_clutch_tooth(std::uint8_t fdi) {
@@ -71,7 +73,7 @@ ArcProfile ArcProfile::raised(double reach_mm) const {
 }
 
 struct Clutch::Terms {
-  double teeth = kFar, shadow = kFar, maxilla = kFar, below = -kFar;
+  double teeth = kFar, embrasures = kFar, shadow = kFar, maxilla = kFar, below = -kFar;
 };
 
 Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
@@ -142,7 +144,6 @@ void Clutch::find_margins(const ClutchScene& scene, const ArchRuler& ruler, doub
     knots.push_back({middle, std::max(*rank, edge_(middle) - kTallest_mm)});
   }
   std::sort(knots.begin(), knots.end());
-  if(getenv("BOWDBG")) for(auto&k:knots) printf("knot s %.2f z %.2f edge %.2f\n",k[0],k[1],edge_(k[0]));
   std::vector<double> margin(bins);
   for (std::size_t i = 0; i < bins; ++i) {
     const double s = low + kStep_mm * static_cast<double>(i);
@@ -203,6 +204,9 @@ void Clutch::sample(const ClutchScene& scene, const Box& teeth) {
   CoarseGrid thick = teeth_;
   for (float& v : thick.values()) v -= static_cast<float>(par_.bonding_gap_mm + par_.clutch_thickness_mm);
   outer_ = closed(thick, kSmoothing_mm);
+  CoarseGrid gap = teeth_;
+  for (float& v : gap.values()) v -= static_cast<float>(par_.bonding_gap_mm);
+  embrasures_ = closed(gap, kEmbrasure_mm);
   maxilla_ = CoarseGrid(shape, static_cast<float>(kBand_mm));
   for (const Rigid3& motion : scene.jaw_positions) {
     const CoarseGrid one =
@@ -264,7 +268,6 @@ void Clutch::limit(const ArchRuler& ruler) {
   int count = 0;
   for (double s = s_low_; s <= s_high_; s += kStep_mm, ++count) sum += std::max(0.0, top_(s) - bottom_(s));
   height_ = sum / count;
-  if(getenv("BOWDBG")) for(double s=s_low_;s<=s_high_;s+=1) printf("s %.1f edge %.2f top %.2f bottom %.2f\n",s,edge_(s),top_(s),bottom_(s));
 }
 
 /// Where the stem may leave the clutch: below everything that the maxilla does before the teeth.
@@ -295,6 +298,7 @@ Clutch::Terms Clutch::terms_at(const Vector3& p) const {
   if (!near(p)) return t;
   const GridCell cell = located(teeth_.shape(), grid_from_bow_ * p);
   t.teeth = teeth_.linear(cell);
+  t.embrasures = embrasures_.linear(cell);
   t.shadow = shadow_.linear(cell);
   t.maxilla = maxilla_.linear(cell);
   t.below = below_.linear(cell);
@@ -305,7 +309,8 @@ double Clutch::room_of(const Terms& t) const {
   // Below the clutch, over the gingiva, the gap grows.
   const double gap = par_.bonding_gap_mm + kGingivaRelief_mm * std::clamp(t.below / 1.0, 0.0, 1.0);
   const double engagement = std::max(0.0, par_.engagement_mm - 0.05);  // the grid's own error is kept back
-  return std::max({gap - t.teeth, -(t.shadow + engagement), par_.maxilla_clearance_mm - t.maxilla});
+  return std::max({gap - t.teeth, -(t.embrasures + kGridError_mm), -(t.shadow + engagement),
+                   par_.maxilla_clearance_mm - t.maxilla});
 }
 
 double Clutch::shell_mm(const Vector3& p) const {

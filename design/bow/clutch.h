@@ -84,7 +84,7 @@ class Clutch {
   Box reach_;
   double s_low_ = 0, s_high_ = 0;
   ArcProfile edge_, top_, bottom_;
-  CoarseGrid teeth_, shadow_, outer_, maxilla_, limits_, below_;
+  CoarseGrid teeth_, embrasures_, shadow_, outer_, maxilla_, limits_, below_;
   double front_y_ = 0, stem_top_ = 0, stem_bottom_ = 0, height_ = 0;
 };
 
