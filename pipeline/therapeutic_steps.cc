@@ -19,7 +19,9 @@ json plateau_json(const Plateau& p) {
           {"frames_used", p.frames_used},
           {"effective_frames", p.effective_frames},
           {"dispersion_mm", p.dispersion_mm},
-          {"dispersion_deg", p.dispersion_deg}};
+          {"dispersion_deg", p.dispersion_deg},
+          {"sigma_mm", p.sigma_mm},
+          {"rank", p.rank}};
 }
 
 /// A jaw that moves is in neither position: the mean over it would be a number without meaning.
@@ -77,6 +79,7 @@ Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& 
   CameraRoute route;
   GNATHION_TRY(route.positions, find_jaw_positions(session, options));
   GNATHION_CHECK_OK(check_rests(route.positions, options));
+  for (const Slip& slip : find_slips(session, route.positions, options)) route.slips.push_back(slip.text());
   route.estimate = therapeutic_from_camera(bow_from_dental, route.positions.head_from_bow_mi,
                                            route.positions.head_from_bow_tp);
   return route;
@@ -93,17 +96,28 @@ json camera_route_source(const CameraRoute& route) {
                         {"sigma_mm", c.sigma_mm},
                         {"angle_deg", c.angle_deg},
                         {"sigmas", c.sigmas}});
-  return {
-      {"route", "camera"}, {"mi", mi}, {"tp", tp}, {"closures", closures}, {"notes", route.positions.notes}};
+  return {{"route", "camera"},
+          {"mi", mi},
+          {"tp", tp},
+          {"closures", closures},
+          {"slips", route.slips},
+          {"notes", route.positions.notes}};
 }
 
 std::string closure_text(const JawPositions& positions) {
   std::string text;
   for (const Closure& c : positions.closures)
     if (!c.consistent())
-      text += fmt::format(
-          "{}MI {} and {} are {:.3f} mm and {:.3f} deg apart ({:.1f} sigma): bow or head frame slipped",
-          text.empty() ? "" : "; ", c.first + 1, c.second + 1, c.distance_mm, c.angle_deg, c.sigmas);
+      text += fmt::format("{}MI {} and {} are {:.3f} mm and {:.3f} deg apart ({:.1f} sigma)",
+                          text.empty() ? "" : "; ", c.first + 1, c.second + 1, c.distance_mm, c.angle_deg,
+                          c.sigmas);
+  return text + ": bow or head frame slipped";
+}
+
+std::string closure_text(const CameraRoute& route) {
+  if (route.slips.empty()) return closure_text(route.positions);
+  std::string text;
+  for (const std::string& slip : route.slips) text += (text.empty() ? "" : "; ") + slip;
   return text;
 }
 

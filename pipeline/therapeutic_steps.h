@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -13,6 +14,7 @@
 #include "core/result.h"
 #include "core/transform_io.h"
 #include "tracking/plateaus.h"
+#include "tracking/slip.h"
 
 namespace gnathion {
 
@@ -27,6 +29,8 @@ Result<ChainScans> read_chain_scans(const ChainFiles& files);
 /// T_th by the camera route.
 struct CameraRoute {
   JawPositions positions;
+  std::vector<std::string>
+      slips;  ///< between which rests of MI something slipped, and what, where it can be told
   TherapeuticEstimate estimate;
 };
 Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& bow_from_dental,
@@ -34,8 +38,9 @@ Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& 
 
 /// "source" of a T_th.json of the camera route: positions, dispersion, closures.
 nlohmann::json camera_route_source(const CameraRoute& route);
-/// Which MI recordings are apart, by how much.
+/// Which MI recordings are apart, by how much; of a route also what slipped.
 std::string closure_text(const JawPositions& positions);
+std::string closure_text(const CameraRoute& route);
 /// A motion for people: rotation angle, and the displacement of the frame's origin.
 std::string motion_text(const Motion<Dental>& motion);
 
