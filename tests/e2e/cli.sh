@@ -175,6 +175,20 @@ expect 4 'is no video' "$gnathion" recording import --images "$work/one.toml" --
 expect 2 'ends in .igs.mha' "$gnathion" recording export "$work/film.mcap" --out "$work/none" --plus x.txt
 [ ! -e "$work/none.mcap" ] && [ ! -e "$work/none" ] || { echo "FAILED: a refused import or export left something"; failures=$((failures + 1)); }
 
+# Motions.
+printf 'time_s,valid,reason,x_mm,y_mm,z_mm,qw,qx,qy,qz,sigma_mm\n' >"$work/still.csv"
+for i in 1 2 3 4 5 6 7 8 9 10 11 12; do echo "$i,1,,0,0,0,1,0,0,0,0.02" >>"$work/still.csv"; done
+printf 'incisal_mm = [0, 0, 0]\nmolar_left_mm = [23, 30, 0]\nmolar_right_mm = [-23, 30, 0]\n' >"$work/landmarks.toml"
+expect 4 'static' "$gnathion" motion analyse --motion "$work/still.csv" --landmarks "$work/landmarks.toml" --out "$work/out"
+expect 2 'landmarks' "$gnathion" motion analyse --motion "$work/still.csv" --out "$work/out"
+expect 2 'a movement is' "$gnathion" motion analyse --motion "$work/still.csv" --landmarks "$work/landmarks.toml" --movement jump=1..2 --out "$work/out"
+expect 2 'rig or --electromagnetic' "$gnathion" track --recording "$work/film.mcap" --out "$work/out"
+printf '[bow]\nstream = "bow/1"\nbody_from_sensor = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n[head]\nstream = "bow/2"\n' >"$work/em.toml"
+expect 4 'no valid pose' "$gnathion" track --recording "$work/film.mcap" --electromagnetic "$work/em.toml" --out "$work/out"
+printf '0,0,0,1,1,1\n60,0,0,61,1,1\n0,40,0,1,41,1\n20,10,30,21,11,31\n-10,5,9,-9,6,10\n' >"$work/points.csv"
+expect 0 '' "$gnathion" calibrate sensor --quiet --points "$work/points.csv" --out "$work/sensor.json"
+expect 2 'give --points' "$gnathion" calibrate sensor --out "$work/out"
+
 # Real jaws, where they are.
 jaws=../shared/data/jaws
 if [ -d "$jaws" ]; then

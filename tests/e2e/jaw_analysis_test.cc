@@ -275,5 +275,123 @@ TEST(JawAnalysis, CutsTheSessionAsItWasMade) {
   }
 }
 
+/// Keeps the rows between two times.
+JawRecording between(JawRecording r, double from_s, double to_s) {
+  JawRecording kept = r;
+  kept.time_s.clear(), kept.head_from_bow.clear(), kept.covariance.clear();
+  for (std::size_t i = 0; i < r.time_s.size(); ++i) {
+    if (r.time_s[i] < from_s || r.time_s[i] > to_s) continue;
+    kept.time_s.push_back(r.time_s[i]);
+    kept.head_from_bow.push_back(r.head_from_bow[i]);
+    kept.covariance.push_back(r.covariance[i]);
+  }
+  return kept;
+}
+
+TEST(JawAnalysis, CondylesComeFromTheHingeAxisWhereNobodyGaveThem) {
+  Patient p = patient_of(51);
+  p.landmarks.intercondylar_mm = (*p.landmarks.condyle_left_mm - *p.landmarks.condyle_right_mm).norm();
+  p.landmarks.condyle_left_mm = p.landmarks.condyle_right_mm = std::nullopt;
+  const auto a = analyse_jaw_motion(p.recording, p.landmarks, {});
+  ASSERT_TRUE(a.has_value()) << a.error().line();
+  EXPECT_EQ(a->condyles_from, "hinge axis");
+  const auto truth = truth_of(p);
+  for (const char* side : {"left", "right"}) {
+    const JawNumber* n = a->find("sagittal_condylar_inclination_5mm", side);
+    ASSERT_TRUE(n != nullptr && n->determined);
+    // The condyles are put half the distance to each side of the midline; the patient's are not quite there.
+    EXPECT_NEAR(n->value, truth.at(std::string("sagittal_condylar_inclination_5mm ") + side), 3);
+  }
+}
+
+TEST(JawAnalysis, WhatARecordingDoesNotHoldIsNotDetermined) {
+  Patient p = patient_of(52);
+  const Truth t{p};
+  const auto protrusion = t.phase(JawPhaseKind::kProtrusion);
+  p.landmarks.condyle_left_mm = p.landmarks.condyle_right_mm = std::nullopt;
+  const auto a = analyse_jaw_motion(between(p.recording, protrusion.first - 0.2, protrusion.second + 0.1),
+                                    p.landmarks, {});
+  ASSERT_TRUE(a.has_value()) << a.error().line();
+  EXPECT_FALSE(a->hinge.has_value());
+  EXPECT_THAT(a->hinge_reason, HasSubstr("no opening"));
+  EXPECT_TRUE(a->find("protrusion")->determined);
+  for (const char* name :
+       {"opening", "chewing_cycles", "hinge_axis_behind_incisal", "posselt_sagittal_area"}) {
+    EXPECT_FALSE(a->find(name)->determined) << name;
+    EXPECT_FALSE(a->find(name)->reason.empty()) << name;
+  }
+  EXPECT_THAT(a->find("sagittal_condylar_inclination_5mm", "left")->reason,
+              HasSubstr("condyles are not known"));
+  // A free opening alone gives no terminal hinge axis.
+  const Patient q = patient_of(53);
+  const auto free = analyse_jaw_motion(between(q.recording, q.guided_s, 1e9), q.landmarks, {});
+  ASSERT_TRUE(free.has_value()) << free.error().line();
+  EXPECT_FALSE(free->hinge.has_value());
+  EXPECT_THAT(free->hinge_reason, HasSubstr("migrates"));
+}
+
+TEST(JawAnalysis, BadInputIsRefusedWithTheReason) {
+  const Patient p = patient_of(54);
+  const auto why = [](const JawRecording& r, const JawLandmarks& l) {
+    const auto a = analyse_jaw_motion(r, l, {});
+    return a ? std::string("accepted") : a.error().line();
+  };
+  EXPECT_THAT(why(between(p.recording, -1, 0.15), p.landmarks), HasSubstr("static"));
+  JawLandmarks l = p.landmarks;
+  for (Vector3* v : {&l.incisal_mm, &l.molar_left_mm, &l.molar_right_mm}) *v *= 0.001;
+  EXPECT_THAT(why(p.recording, l), HasSubstr("landmarks"));
+  l = p.landmarks;
+  std::swap(l.molar_left_mm, l.molar_right_mm);
+  EXPECT_THAT(why(p.recording, l), HasSubstr("left molar"));
+  l = p.landmarks;
+  for (Vector3* v :
+       {&l.incisal_mm, &l.molar_left_mm, &l.molar_right_mm, &*l.condyle_left_mm, &*l.condyle_right_mm})
+    *v += Vector3(0, -150, 30);
+  EXPECT_THAT(why(p.recording, l), HasSubstr("no jaw"));
+  for (const Rigid3& other : {Rigid3{exp_so3(Vector3(0.2, 2.3, 1.4)), Vector3(90, -70, 20)},
+                              p.t_d * Rigid3{exp_so3(Vector3(0, 0, 1.2)), Vector3(0, 0, 0)},
+                              p.t_d * Rigid3{exp_so3(Vector3(M_PI, 0, 0)), Vector3(0, 0, 0)}}) {
+    JawRecording r = p.recording;
+    r.bow_from_dental.value = Transform<Bow, Dental>(other);
+    EXPECT_THAT(why(r, p.landmarks), HasSubstr("another bow"));
+  }
+  // Poses in metres.
+  SessionMotion metres;
+  for (std::size_t i = 0; i < p.recording.time_s.size(); ++i) {
+    MotionRow row;
+    row.capture.ns = static_cast<std::int64_t>(p.recording.time_s[i] * 1e9);
+    row.bow.camera_from_body = p.recording.head_from_bow[i];
+    row.bow.camera_from_body.translation_mm *= 0.001;
+    row.bow.valid = row.head.valid = true;
+    metres.rows.push_back(row);
+  }
+  const auto r = jaw_recording(metres, p.recording.mi, p.recording.bow_from_dental);
+  ASSERT_FALSE(r.has_value());
+  EXPECT_THAT(r.error().line(), HasSubstr("metres"));
+}
+
+TEST(JawAnalysis, GivenMovementsAreTakenAndTheSameInputGivesTheSameNumbers) {
+  const Patient p = patient_of(55);
+  const Truth t{p};
+  JawAnalysisOptions options;
+  const auto [start, end] = t.phase(JawPhaseKind::kProtrusion);
+  options.segments.given = {{JawMovement::kProtrusion, start, end, 0, "given"}};
+  const auto a = analyse_jaw_motion(p.recording, p.landmarks, options);
+  const auto b = analyse_jaw_motion(p.recording, p.landmarks, options);
+  ASSERT_TRUE(a.has_value() && b.has_value());
+  int given = 0;
+  for (const JawSegment& s : a->segments) {
+    if (s.movement == JawMovement::kProtrusion) {
+      EXPECT_EQ(s.source, "given");
+    }
+    given += s.source == "given";
+  }
+  EXPECT_EQ(given, 1);
+  for (std::size_t i = 0; i < a->numbers.size(); ++i) {
+    EXPECT_EQ(a->numbers[i].value, b->numbers[i].value);
+    EXPECT_EQ(a->numbers[i].sigma, b->numbers[i].sigma);
+  }
+}
+
 }  // namespace
 }  // namespace gnathion

@@ -20,7 +20,8 @@ struct HingeAxis {
       0;  ///< distance of the axes fitted to the first and second half of the arc, at ±55 mm
   double migration_sigma_mm = 0;  ///< what noise alone gives
   double chi2_per_dof = 1;
-  double largest_deg = 0;  ///< largest rotation used
+  double largest_deg = 0;         ///< largest rotation used
+  double start_s = 0, end_s = 0;  ///< of the arcs, from the first to the last; filled in by the analysis
   int rows = 0;
 };
 

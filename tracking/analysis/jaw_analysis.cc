@@ -151,6 +151,10 @@ HingeChoice choose_hinge(const JawScene& scene, const std::vector<Matrix6>& cova
   } else {
     choice.hinge = fit(joined(scene, covariance, choice.arcs, options.hinge_arc_deg));
     if (!choice.hinge) choice.reason = "the fit to the opening arcs did not converge";
+    if (choice.hinge) {
+      choice.hinge->start_s = choice.arcs.front()->start_s;
+      choice.hinge->end_s = choice.arcs.back()->turn_s;
+    }
   }
   return choice;
 }

@@ -147,8 +147,7 @@ void add_posselt(const JawScene& scene, const std::vector<JawSegment>& segments,
   out->push_back(std::move(frontal));
 }
 
-void add_hinge(const JawScene& scene, const std::vector<JawSegment>& segments,
-               const std::optional<HingeAxis>& hinge, const std::string& reason,
+void add_hinge(const JawScene& scene, const std::optional<HingeAxis>& hinge, const std::string& reason,
                std::vector<JawNumber>* out) {
   const ReferencePlane& plane = scene.landmarks.plane;
   JawNumber n[4] = {
@@ -170,8 +169,11 @@ void add_hinge(const JawScene& scene, const std::vector<JawSegment>& segments,
     determined(-plane.downward(d), &n[1]);
     determined(std::atan2(plane.forward(hinge->direction), along) / kDegree, &n[2]);
     determined(std::atan2(-plane.downward(hinge->direction), along) / kDegree, &n[3]);
-    if (const JawSegment* s = largest_of(scene, segments, JawMovement::kOpening))
-      for (JawNumber& x : n) on_arc(scene, s->start_s, s->turn_s, &x), x.rows = hinge->rows;
+    for (JawNumber& x : n) {
+      x.start_s = hinge->start_s;
+      x.end_s = hinge->end_s;
+      x.rows = hinge->rows;
+    }
   } else {
     for (JawNumber& x : n) x.reason = reason;
   }
@@ -277,7 +279,7 @@ std::vector<JawNumber> jaw_numbers(const JawScene& scene, const std::vector<JawS
                                    const JawAnalysisOptions& options) {
   std::vector<JawNumber> numbers;
   add_range_numbers(scene, segments, &numbers);
-  add_hinge(scene, segments, hinge, hinge_reason, &numbers);
+  add_hinge(scene, hinge, hinge_reason, &numbers);
   add_condyle_numbers(scene, segments, options, &numbers);
   add_chewing_numbers(scene, segments, &numbers);
   return numbers;
