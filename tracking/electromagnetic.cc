@@ -52,7 +52,7 @@ class Readings {
     std::stable_sort(
         session->events.begin(), session->events.end(),
         [](const EventSample& a, const EventSample& b) { return a.header.capture < b.header.capture; });
-    return check(session);
+    return check();
   }
   const std::vector<Reading>& of(const std::string& stream) const { return streams_.at(stream); }
 
@@ -75,15 +75,17 @@ class Readings {
       StreamLedger& ledger = session->ledger[told->header.stream];
       const bool rejected = told->fate == LedgerSample::Fate::kRejected;
       (rejected ? ledger.rejected : ledger.missing) += told->count;
-      streams_[told->header.stream].push_back({told->header.sequence,
-                                               told->header.capture,
-                                               false,
-                                               (rejected ? "rejected: " : "missing: ") + told->reason,
-                                               {}});
+      constexpr std::uint32_t kMostInOneGap = 100000;
+      for (std::uint32_t i = 0; i < std::min(told->count, kMostInOneGap); ++i)  // no reading vanishes
+        streams_[told->header.stream].push_back({told->header.sequence + i,
+                                                 told->header.capture,
+                                                 false,
+                                                 (rejected ? "rejected: " : "missing: ") + told->reason,
+                                                 {}});
     }
   }
 
-  Status check(SessionMotion* session) const {
+  Status check() const {
     for (const auto& [name, readings] : streams_) {
       std::size_t valid = 0;
       double farthest = 0;
@@ -103,7 +105,6 @@ class Readings {
         return bad_input(
             kWhat, name,
             fmt::format("its sensor is {:.0f} mm from the transmitter: not millimetres", farthest));
-      (void)session;
     }
     return {};
   }
