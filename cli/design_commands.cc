@@ -61,7 +61,7 @@ struct ParameterOptions {
 };
 
 void add_parameter_options(CLI::App& command, ParameterOptions& o) {
-  command.add_option("--config", o.config, "TOML file with a [design] table");
+  command.add_option("--config", o.config, "TOML file with a [design] table, and edits by hand");
   std::string names;
   for (const ParameterHelp& p : parameter_help())
     names += fmt::format("\n    design.{}={} [{}] {}..{}", p.name, p.default_value, p.unit, p.low, p.high);
@@ -128,6 +128,10 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
         GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
+        if (!o->parameters.config.empty()) {
+          GNATHION_TRY(const std::string config, read_file(o->parameters.config));
+          GNATHION_TRY(o->job.edits, parse_edits(config, o->parameters.config));
+        }
         o->job.arch = o->arch == "maxilla" ? Arch::kMaxilla : Arch::kMandible;
         o->job.mandible_is_in_tp = o->pose == "tp";
         o->job.pictures = !o->no_pictures;

@@ -109,4 +109,27 @@ std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMe
   return out;
 }
 
+std::vector<Aperture> drawn_apertures(const SplintEdits& edits, const Rigid3& design_from_dental,
+                                      const TriangleMesh& support_dental,
+                                      const std::vector<std::uint8_t>& support_fdi) {
+  std::vector<Aperture> out;
+  for (const Region& region : edits.cutouts) {
+    Aperture aperture;
+    double twice_area = 0.0;
+    Vector3 before = design_from_dental * region.outline_mm.back();
+    for (const Vector3& p : region.outline_mm) {
+      const Vector3 here = design_from_dental * p;
+      twice_area += before.x() * here.y() - before.y() * here.x();
+      before = here;
+      aperture.centre_mm += p / static_cast<double>(region.outline_mm.size());
+    }
+    aperture.area_mm2 = 0.5 * std::abs(twice_area);
+    aperture.teeth = teeth_near(aperture.centre_mm, 1.5 + std::sqrt(aperture.area_mm2 / M_PI), support_dental,
+                                support_fdi);
+    aperture.cause = "drawn cutout";
+    out.push_back(std::move(aperture));
+  }
+  return out;
+}
+
 }  // namespace gnathion

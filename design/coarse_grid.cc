@@ -175,6 +175,39 @@ CoarseGrid shifted(CoarseGrid f, double by_mm) {
 }
 }  // namespace
 
+namespace {
+/// One axis of a separable filter.
+CoarseGrid filtered(const CoarseGrid& f, const std::vector<float>& weights, int axis) {
+  const Eigen::Vector3i n = f.shape().nodes;
+  const int reach = static_cast<int>(weights.size()) / 2;
+  CoarseGrid out = f;
+  parallel_each(n.x(), [&](int i) {
+    for (int j = 0; j < n.y(); ++j)
+      for (int k = 0; k < n.z(); ++k) {
+        float sum = 0.0f;
+        for (int w = -reach; w <= reach; ++w) {
+          Eigen::Vector3i at(i, j, k);
+          at[axis] = std::clamp(at[axis] + w, 0, n[axis] - 1);
+          sum += weights[static_cast<std::size_t>(w + reach)] * f.at(at.x(), at.y(), at.z());
+        }
+        out.at(i, j, k) = sum;
+      }
+  });
+  return out;
+}
+}  // namespace
+
+CoarseGrid blurred(const CoarseGrid& f, double sigma_mm) {
+  const double sigma = sigma_mm / f.shape().spacing_mm;
+  const int reach = static_cast<int>(std::ceil(3.0 * sigma));
+  std::vector<float> weights;
+  double sum = 0.0;
+  for (int w = -reach; w <= reach; ++w) sum += std::exp(-0.5 * w * w / (sigma * sigma));
+  for (int w = -reach; w <= reach; ++w)
+    weights.push_back(static_cast<float>(std::exp(-0.5 * w * w / (sigma * sigma)) / sum));
+  return filtered(filtered(filtered(f, weights, 0), weights, 1), weights, 2);
+}
+
 CoarseGrid closed(const CoarseGrid& f, double radius_mm) {
   const double band = radius_mm + 4.0 * f.shape().spacing_mm;
   const CoarseGrid dilated = shifted(redistanced(f, band), -radius_mm);

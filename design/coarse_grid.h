@@ -74,6 +74,9 @@ void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_m
 /// Eikonal equation from the nodes beside the level.
 CoarseGrid redistanced(const CoarseGrid& f, double band_mm);
 
+/// Gaussian mean of that standard deviation, axis by axis; the last sample counts beyond the ends.
+CoarseGrid blurred(const CoarseGrid& f, double sigma_mm);
+
 /// Morphological closing of {f ≤ 0} by a ball: concave corners get fillets of that radius.
 CoarseGrid closed(const CoarseGrid& f, double radius_mm);
 /// Morphological opening of {f ≤ 0}: what is thinner than twice the radius goes.

@@ -107,6 +107,7 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
             {"where_mm", point(v.thickness.where_mm)}}},
           {"seat_gap_mm",
            {{"min", v.seat_gap.min_mm}, {"median", v.seat_gap.median_mm}, {"max", v.seat_gap.max_mm}}},
+          {"edits", edits_json(design.edits)},
           {"arch", arch_name(design.worn_on)},
           {"insertion", insertion_facts(design)},
           {"maxilla_penetration_mm", v.maxilla_penetration_mm},

@@ -207,6 +207,7 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                      std::move(normals),
                      std::move(sharp),
                      std::move(sharp_opposing),
+                     EditField(inputs.edits, design_from_dental),
                      std::move(free),
                      std::move(level),
                      coarse,

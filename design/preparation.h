@@ -10,6 +10,7 @@
 #include "core/mesh_query.h"
 #include "core/result.h"
 #include "design/coarse_grid.h"
+#include "design/edits.h"
 #include "design/freedom.h"
 #include "design/parameters.h"
 #include "design/splint.h"
@@ -61,6 +62,7 @@ struct Preparation {
   std::vector<double>
       support_sharpness;  ///< per vertex of M, 0 smooth to 1: convex tips narrower than the grid
   std::vector<double> opposing_sharpness;
+  EditField edits;
   std::vector<FreePose> free_poses;  ///< excursions that must run free
   OcclusalMap level;
   GridShape coarse;

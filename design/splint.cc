@@ -93,6 +93,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     GNATHION_TRY(const Preparation preparation, prepare(inputs, parameters));
     design.arch = preparation.arch;
     design.insertion = preparation.insertion;
+    design.edits = inputs.edits;
     design.warnings = preparation.warnings;
 
     steps.begin("shells and stamp", 0.25);
@@ -121,8 +122,11 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     verify_seating(inputs, splint, preparation, design.verification);
     if (!design.verification.seating_note.empty())
       design.warnings.push_back(design.verification.seating_note + ": no predicted seating");
-    design.verification.apertures = found_apertures(
-        field, inputs.support(), assign_teeth(inputs.support(), preparation.arch, inputs.arch), inputs.arch);
+    const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
+    design.verification.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
+    for (Aperture& drawn :
+         drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))
+      design.verification.apertures.push_back(std::move(drawn));
     const Rigid3 dental = preparation.design_from_dental.inverse();
     design.verification.thickness.where_mm = dental * design.verification.thickness.where_mm;
     judge(design, side_wall_p01_mm);

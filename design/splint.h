@@ -12,6 +12,7 @@
 #include "core/progress.h"
 #include "core/result.h"
 #include "core/transform.h"
+#include "design/edits.h"
 #include "design/parameters.h"
 #include "design/verification.h"
 #include "occlusion/arch.h"
@@ -32,6 +33,7 @@ struct SplintInputs {
   /// Displacements of the mandible from MI, as recorded, that must run free from TP (freedom.h); may be
   /// empty.
   std::vector<Rigid3> excursions = {};
+  SplintEdits edits = {};
 
   bool on_maxilla() const { return arch == Arch::kMaxilla; }
   const TriangleMesh& support() const { return on_maxilla() ? maxilla : mandible_mi; }
@@ -56,6 +58,7 @@ struct SplintDesign {
   ArchFrame arch;
   Arch worn_on = Arch::kMaxilla;
   Insertion insertion;  ///< direction in Dental
+  SplintEdits edits;
   /// For pictures and profiles, in Dental.
   TriangleMesh opposing_tp;          ///< L_TP; T_th⁻¹·U0 over a mandibular splint
   TriangleMesh occlusal_surface_tp;  ///< S_occ carried likewise

@@ -28,6 +28,7 @@ constexpr double kStampTopMm = 1.0;
 constexpr double kTipGapVoxels = 0.5;       // room at tips of the support that are narrower than the grid
 constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the opposing arch
 constexpr double kFreeErrorMm = 0.03;       // the coarse sweep leaves contacts in TP to exact distances
+constexpr double kBlurMm = 0.8;             // of smoothing strokes, standard deviation
 constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.5;  // what triangles may take from the thinnest wall
@@ -73,6 +74,7 @@ struct SplintField::Ingredients {
   double opposing = 0.0;  // φ of L_TP
   double opposing_swept = 0.0;
   double body = 0.0;
+  double body_smoothed = 0.0;
   double free = 1e9;  // distance from what must run free
 };
 
@@ -102,6 +104,7 @@ void SplintField::build_shapes() {
         const CoarseGrid outline = distance_from_rim_outline(support_swept_, prep_.level, par_);
         const CoarseGrid shell = outer_shell(support_swept_, outline, par_);
         body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), opposing_, par_);
+        if (prep_.edits.smooths()) body_smoothed_ = blurred(body_, kBlurMm);
         if (!prep_.free_poses.empty())
           free_ = swept_along(prep_.free_poses, par_.disclusion_mm, prep_.opposing, body_);
       });
@@ -137,6 +140,7 @@ SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   in.opposing = opposing_.linear(cell);
   in.opposing_swept = opposing_swept_.linear(cell);
   in.body = body_.linear(cell);
+  if (prep_.edits.smooths()) in.body_smoothed = body_smoothed_.linear(cell);
   if (!prep_.free_poses.empty()) in.free = free_.linear(cell);
   return in;
 }
@@ -151,6 +155,8 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   const double relief = std::max(opposing - par_.occlusion_clearance_mm, -in.stamp);
   const double free = in.free + kFreeErrorMm;
   f.cut = std::min({opposing, relief, free});
+  if (prep_.edits.limits_contacts())
+    f.cut = std::min(f.cut, opposing - par_.occlusion_clearance_mm * prep_.edits.without_contact(p));
   // The exact stamp near the opposing arch, sinking into the smooth body away from it.
   const Vector3 natural = natural_from_tp_ * p;
   const double top =
@@ -158,6 +164,7 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   const double stamp = in.stamp + kStampFade * std::max(0.0, in.opposing - kStampNearMm) +
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
+  if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, in.body_smoothed);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
@@ -166,8 +173,9 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
       par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
   const double inner = rounded_max(-f.cavity, f.rim, 0.5 * par_.rim_radius_mm);
-  f.value = std::max({walls, inner, -f.cut, film});
-  if (f.value == film)
+  const double drawn = prep_.edits.has_cutouts() ? -prep_.edits.cutout_mm(p) : -1e9;
+  f.value = std::max({walls, inner, -f.cut, film, drawn});
+  if (f.value == film || f.value == drawn)
     f.part = SurfacePart::kAperture;
   else if (f.value == -f.cut)
     f.part = f.cut == free ? SurfacePart::kRelief : SurfacePart::kImprint;

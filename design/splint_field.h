@@ -57,6 +57,7 @@ class SplintField {
   CoarseGrid opposing_;        ///< φ of L_TP
   CoarseGrid opposing_swept_;  ///< L_TP and its way down, but for the last kSweepStart
   CoarseGrid body_;            ///< shell, stamp and fillets, smooth
+  CoarseGrid body_smoothed_;   ///< the same, blurred: where strokes smooth; else empty
   CoarseGrid free_;            ///< the opposing arch swept along its excursions; empty: none
 };
 

@@ -45,5 +45,9 @@ void verify_seating(const SplintInputs& inputs, const FinishedSplint& splint, co
 /// splint.
 std::vector<Aperture> found_apertures(const SplintField& field, const TriangleMesh& support_dental,
                                       const std::vector<std::uint8_t>& support_fdi, Arch arch);
+/// Cutouts drawn by hand, as apertures: area across a.
+std::vector<Aperture> drawn_apertures(const SplintEdits& edits, const Rigid3& design_from_dental,
+                                      const TriangleMesh& support_dental,
+                                      const std::vector<std::uint8_t>& support_fdi);
 
 }  // namespace gnathion

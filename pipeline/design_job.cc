@@ -92,6 +92,7 @@ Status add_excursions(const DesignJob& job, DesignInputs& in) {
 Result<DesignInputs> read_design_inputs(const DesignJob& job) {
   DesignInputs in;
   in.splint.arch = job.arch;
+  in.splint.edits = job.edits;
   GNATHION_TRY(in.splint.maxilla, read_jaw(job.maxilla));
   GNATHION_TRY(in.splint.mandible_mi, read_jaw(job.mandible));
   GNATHION_TRY(in.motion, read_motion(job.transform));

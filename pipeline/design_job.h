@@ -23,7 +23,8 @@ struct DesignJob {
   /// Excursions that must run free: motion.csv in the dental frame, or motion.mcap with `calibration` (empty:
   /// chain.json beside it); empty: none but those of the parameters.
   std::filesystem::path motion, calibration;
-  bool mandible_is_in_tp = false;          ///< the file has the mandible in TP already
+  SplintEdits edits;               ///< in Dental
+  bool mandible_is_in_tp = false;  ///< the file has the mandible in TP already
   SplintParameters parameters;
   bool pictures = true;
   std::filesystem::path shown_folder;     ///< reports name inputs relative to it; empty: as given

@@ -23,6 +23,7 @@ constexpr double kTallest_mm = 8.0;        // of the clutch below the incisal ed
 constexpr double kGingivaRelief_mm = 0.9;  // what stands below the clutch keeps this, besides the gap
 constexpr double kForward_mm = 16.0;       // how far before the teeth the maxilla matters
 constexpr double kPapilla_mm = 0.8;        // between two teeth the margin stands higher by this
+constexpr double kEnd_mm = 1.5;            // the shell ends this far before the canines do
 constexpr double kEmbrasure_mm = 0.6;  // grooves between teeth narrower than twice this stay empty: no fins
 constexpr double kGridError_mm = 0.04;
 constexpr double kSmoothing_mm = 1.2;  // closing radius of the outer face: embrasures
@@ -93,8 +94,8 @@ Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
   }
   if (high - low < 12)
     return bad_input("cannot design a bow", "mandible", "the lower front teeth (43 to 33) are not there");
-  c.s_low_ = low + 0.3;
-  c.s_high_ = high - 0.3;
+  c.s_low_ = low + kEnd_mm;
+  c.s_high_ = high - kEnd_mm;
   c.find_margins(scene, ruler, low, high);
   c.choose_withdrawal(scene, ruler);
   c.sample(scene, teeth);
@@ -130,7 +131,7 @@ void Clutch::find_margins(const ClutchScene& scene, const ArchRuler& ruler, doub
       const double neighbour = std::max(edge[i > 0 ? i - 1 : i], edge[i + 1 < bins ? i + 1 : i]);
       if (neighbour > -kFar / 2) edge[i] = neighbour;
     }
-  edge_ = ArcProfile(low, kStep_mm, edge);
+  edge_ = ArcProfile(low, kStep_mm, edge).raised(1.0);  // without the dips between teeth
 
   std::vector<std::array<double, 2>> knots;  // s, z of the margin
   for (auto& [fdi, tooth] : teeth) {
@@ -156,7 +157,7 @@ void Clutch::find_margins(const ClutchScene& scene, const ArchRuler& ruler, doub
                 par_.gingiva_distance_mm;
   }
   bottom_ = ArcProfile(low, kStep_mm, margin).raised(0.5);
-  top_ = edge_.lowered(2.0);
+  top_ = edge_.lowered(1.0);
   for (double& v : top_.values()) v -= par_.rim_below_edge_mm;
 }
 

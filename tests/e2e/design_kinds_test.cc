@@ -210,6 +210,51 @@ TEST(Freedom, OverTheMandibleTheMaxillaPasses) {
   EXPECT_LT(deepest_mm(jaws().maxilla, places, free->splint), 0.15);
 }
 
+/// Outermost crossing of the splint along a horizontal ray from outside, at a height of the first molar.
+double buccal_mm(const TriangleMesh& splint, const Vector3& from, const Vector3& inwards) {
+  const auto hit = MeshQuery(splint).ray(from, inwards);
+  return hit ? hit->distance_mm : 1e9;
+}
+
+TEST(Edits, AreReplayedOverTheDesign) {
+  SplintInputs in = inputs();
+  const auto plain = designed(in);
+  ASSERT_TRUE(plain.has_value());
+  const ArchFrame& arch = plain->arch;
+  const ArchRuler ruler(arch);
+  // Buccal of the left first molar: where the wall is hit from outside.
+  const Vector3 outwards = ruler.outward(38.0);
+  const Vector3 from = ruler.at(38.0) + 25.0 * outwards + 1.5 * arch.up;
+  const Vector3 place = from - buccal_mm(plain->splint, from, -outwards) * outwards;
+  Stroke add;
+  add.path_mm = {place};
+  add.radius_mm = 3.0;
+  add.depth_mm = 0.5;
+  // A window over the right second premolar, contacts on the left alone.
+  const Vector3 window = ruler.at(-30.0);
+  Region cutout, left;
+  for (const auto& [s, b] : {std::pair(-2.0, -2.0), {2.0, -2.0}, {2.0, 2.0}, {-2.0, 2.0}})
+    cutout.outline_mm.push_back(window + s * ruler.tangent(-30.0) + b * ruler.outward(-30.0));
+  for (const auto& [x, y] : {std::pair(0.0, -60.0), {60.0, -60.0}, {60.0, 60.0}, {0.0, 60.0}})
+    left.outline_mm.push_back(arch.origin_mm + x * arch.left + y * arch.anterior);
+  in.edits.strokes = {add};
+  in.edits.cutouts = {cutout};
+  in.edits.contacts = {left};
+  const auto edited = designed(in);
+  ASSERT_TRUE(edited.has_value()) << edited.error().line();
+  EXPECT_EQ(edited->verdict, "pass") << (edited->violated.empty() ? "" : edited->violated.front());
+
+  EXPECT_NEAR(buccal_mm(plain->splint, from, -outwards) - buccal_mm(edited->splint, from, -outwards), 0.5,
+              0.1);
+  const Vector3 below = window - 20.0 * arch.up;
+  EXPECT_TRUE(MeshQuery(plain->splint).ray(below, edited->insertion.direction));
+  EXPECT_FALSE(MeshQuery(edited->splint).ray(below, edited->insertion.direction));
+  ASSERT_EQ(edited->verification.apertures.size(), 1u);
+  EXPECT_NEAR(edited->verification.apertures.front().area_mm2, 16.0, 0.5);
+  EXPECT_GT(edited->verification.contacts.left_area_mm2, 0.8 * plain->verification.contacts.left_area_mm2);
+  EXPECT_LT(edited->verification.contacts.right_area_mm2, 0.05 * plain->verification.contacts.right_area_mm2);
+}
+
 /// Volume beside the crowns that rays along −a find in the shadow of a tooth, by random points.
 double shadowed_share(const MeshQuery& maxilla, const std::vector<Vector3>& beside, const Vector3& a) {
   std::size_t hit = 0;

@@ -1,0 +1,220 @@
+#include "design/edits.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#define TOML_EXCEPTIONS 0
+#include <toml++/toml.h>
+
+namespace gnathion {
+namespace {
+
+constexpr double kContactFadeMm = 0.4;
+constexpr const char* kWhat = "cannot read edits";
+
+constexpr std::pair<const char*, Stroke::Kind> kKinds[] = {
+    {"add", Stroke::Kind::kAdd}, {"remove", Stroke::Kind::kRemove}, {"smooth", Stroke::Kind::kSmooth}};
+
+Result<std::vector<Vector3>> points_of(const toml::table& entry, const char* key, std::size_t least,
+                                       const std::string& where) {
+  const toml::array* list = entry[key].as_array();
+  if (!list) return bad_input(kWhat, where, fmt::format("{} is missing: a list of [x, y, z] in mm", key));
+  std::vector<Vector3> out;
+  for (const toml::node& node : *list) {
+    const toml::array* point = node.as_array();
+    if (!point || point->size() != 3)
+      return bad_input(kWhat, where, fmt::format("{}: a point is [x, y, z] in mm", key));
+    Vector3 p;
+    for (int d = 0; d < 3; ++d) {
+      const auto value = point->get(static_cast<std::size_t>(d))->value<double>();
+      if (!value || !std::isfinite(*value))
+        return bad_input(kWhat, where, fmt::format("{}: not a number", key));
+      p[d] = *value;
+    }
+    out.push_back(p);
+  }
+  if (out.size() < least)
+    return bad_input(kWhat, where, fmt::format("{} has {} point(s), {} are needed", key, out.size(), least));
+  return out;
+}
+
+Status only_keys(const toml::table& entry, std::initializer_list<const char*> known,
+                 const std::string& where) {
+  for (const auto& [key, node] : entry)
+    if (std::none_of(known.begin(), known.end(), [&](const char* k) { return key.str() == k; }))
+      return bad_input(kWhat, where, fmt::format("{}: no such key", std::string_view(key.str())));
+  return {};
+}
+
+Result<double> number_of(const toml::table& entry, const char* key, double fallback, double low, double high,
+                         const std::string& where) {
+  if (!entry.contains(key)) return fallback;
+  const auto value = entry[key].value<double>();
+  if (!value || !(*value >= low && *value <= high))
+    return bad_input(kWhat, where, fmt::format("{} is not a number from {} to {} mm", key, low, high));
+  return *value;
+}
+
+Result<Stroke> stroke_of(const toml::table& entry, const std::string& where) {
+  GNATHION_CHECK_OK(only_keys(entry, {"kind", "path_mm", "radius_mm", "depth_mm"}, where));
+  Stroke stroke;
+  const std::string kind = entry["kind"].value_or(std::string());
+  const auto* known =
+      std::find_if(std::begin(kKinds), std::end(kKinds), [&](const auto& k) { return kind == k.first; });
+  if (known == std::end(kKinds)) return bad_input(kWhat, where, "kind is add, remove or smooth");
+  stroke.kind = known->second;
+  GNATHION_TRY(stroke.path_mm, points_of(entry, "path_mm", 1, where));
+  GNATHION_TRY(stroke.radius_mm, number_of(entry, "radius_mm", stroke.radius_mm, 0.5, 10.0, where));
+  GNATHION_TRY(stroke.depth_mm, number_of(entry, "depth_mm", stroke.depth_mm, 0.0, 5.0, where));
+  if (stroke.kind != Stroke::Kind::kSmooth && stroke.depth_mm > 0.5 * stroke.radius_mm)
+    return bad_input(kWhat, where, "depth_mm is more than half of radius_mm: the surface would fold");
+  return stroke;
+}
+
+/// The tables of [[design.NAME]], each with its name in errors.
+Result<std::vector<std::pair<const toml::table*, std::string>>> entries_of(const toml::table& design,
+                                                                           const char* name,
+                                                                           const std::string& file) {
+  std::vector<std::pair<const toml::table*, std::string>> out;
+  if (!design.contains(name)) return out;
+  const toml::array* list = design[name].as_array();
+  if (!list)
+    return bad_input(kWhat, file, fmt::format("design.{} is not a list: write [[design.{}]]", name, name));
+  for (const toml::node& node : *list) {
+    const std::string where = fmt::format("{}: design.{} {}", file, name, out.size() + 1);
+    if (!node.as_table()) return bad_input(kWhat, where, "not a table");
+    out.emplace_back(node.as_table(), where);
+  }
+  return out;
+}
+
+Result<std::vector<Region>> regions_of(const toml::table& design, const char* name, const std::string& file) {
+  GNATHION_TRY(const auto entries, entries_of(design, name, file));
+  std::vector<Region> out;
+  for (const auto& [entry, where] : entries) {
+    GNATHION_CHECK_OK(only_keys(*entry, {"outline_mm"}, where));
+    Region region;
+    GNATHION_TRY(region.outline_mm, points_of(*entry, "outline_mm", 3, where));
+    out.push_back(std::move(region));
+  }
+  return out;
+}
+
+double distance_to_path_mm(const std::vector<Vector3>& path, const Vector3& p) {
+  double least = (p - path.front()).norm();
+  for (std::size_t i = 0; i + 1 < path.size(); ++i) {
+    const Vector3 along = path[i + 1] - path[i];
+    const double t = std::clamp((p - path[i]).dot(along) / std::max(1e-12, along.squaredNorm()), 0.0, 1.0);
+    least = std::min(least, (p - path[i] - t * along).norm());
+  }
+  return least;
+}
+
+/// Signed distance to a polygon, negative inside (crossings).
+double polygon_mm(const std::vector<Eigen::Vector2d>& outline, const Eigen::Vector2d& p) {
+  double least = 1e300;
+  bool inside = false;
+  for (std::size_t i = 0, j = outline.size() - 1; i < outline.size(); j = i++) {
+    const Eigen::Vector2d &a = outline[j], &b = outline[i], along = b - a;
+    const double t = std::clamp((p - a).dot(along) / std::max(1e-12, along.squaredNorm()), 0.0, 1.0);
+    least = std::min(least, (p - a - t * along).norm());
+    if ((a.y() > p.y()) != (b.y() > p.y()) &&
+        p.x() < a.x() + (p.y() - a.y()) / (b.y() - a.y()) * (b.x() - a.x()))
+      inside = !inside;
+  }
+  return inside ? -least : least;
+}
+
+double faded(double t) {
+  t = std::clamp(1.0 - t, 0.0, 1.0);
+  return t * t * (3.0 - 2.0 * t);
+}
+
+nlohmann::json points_json(const std::vector<Vector3>& points) {
+  nlohmann::json out = nlohmann::json::array();
+  for (const Vector3& p : points) out.push_back({p.x(), p.y(), p.z()});
+  return out;
+}
+
+}  // namespace
+
+Result<SplintEdits> parse_edits(std::string_view text, const std::string& name) {
+  const toml::parse_result parsed = toml::parse(text, name);
+  if (!parsed)
+    return bad_input(kWhat, fmt::format("{}:{}", name, parsed.error().source().begin.line),
+                     std::string(parsed.error().description()));
+  SplintEdits edits;
+  const toml::table* design = parsed.table()["design"].as_table();
+  if (!design) return edits;
+  GNATHION_TRY(const auto strokes, entries_of(*design, "stroke", name));
+  for (const auto& [entry, where] : strokes) {
+    GNATHION_TRY(Stroke stroke, stroke_of(*entry, where));
+    edits.strokes.push_back(std::move(stroke));
+  }
+  GNATHION_TRY(edits.cutouts, regions_of(*design, "cutout", name));
+  GNATHION_TRY(edits.contacts, regions_of(*design, "contact", name));
+  return edits;
+}
+
+nlohmann::json edits_json(const SplintEdits& edits) {
+  nlohmann::json strokes = nlohmann::json::array(), cutouts = strokes, contacts = strokes;
+  for (const Stroke& s : edits.strokes)
+    strokes.push_back({{"kind", kKinds[static_cast<std::size_t>(s.kind)].first},
+                       {"path_mm", points_json(s.path_mm)},
+                       {"radius_mm", s.radius_mm},
+                       {"depth_mm", s.depth_mm}});
+  for (const Region& r : edits.cutouts) cutouts.push_back({{"outline_mm", points_json(r.outline_mm)}});
+  for (const Region& r : edits.contacts) contacts.push_back({{"outline_mm", points_json(r.outline_mm)}});
+  return {{"stroke", strokes}, {"cutout", cutouts}, {"contact", contacts}};
+}
+
+EditField::EditField(const SplintEdits& edits, const Rigid3& design_from_dental) : strokes_(edits.strokes) {
+  for (Stroke& s : strokes_)
+    for (Vector3& p : s.path_mm) p = design_from_dental * p;
+  const auto flat = [&](const std::vector<Region>& regions) {
+    std::vector<Outline> out;
+    for (const Region& r : regions) {
+      Outline outline;
+      for (const Vector3& p : r.outline_mm) outline.push_back((design_from_dental * p).head<2>());
+      out.push_back(std::move(outline));
+    }
+    return out;
+  };
+  cutouts_ = flat(edits.cutouts);
+  contacts_ = flat(edits.contacts);
+}
+
+bool EditField::smooths() const {
+  return std::any_of(strokes_.begin(), strokes_.end(),
+                     [](const Stroke& s) { return s.kind == Stroke::Kind::kSmooth; });
+}
+
+double EditField::stroked(const Vector3& p, double body_mm, double smoothed_mm) const {
+  for (const Stroke& s : strokes_) {
+    const double weight = faded(distance_to_path_mm(s.path_mm, p) / s.radius_mm);
+    if (weight <= 0.0) continue;
+    if (s.kind == Stroke::Kind::kAdd) body_mm -= weight * s.depth_mm;
+    if (s.kind == Stroke::Kind::kRemove) body_mm += weight * s.depth_mm;
+    if (s.kind == Stroke::Kind::kSmooth) body_mm += weight * (smoothed_mm - body_mm);
+  }
+  return body_mm;
+}
+
+double EditField::outside_mm(const std::vector<Outline>& outlines, const Vector3& p) {
+  double least = 1e300;
+  for (const Outline& outline : outlines) least = std::min(least, polygon_mm(outline, p.head<2>()));
+  return least;
+}
+
+double EditField::cutout_mm(const Vector3& p) const {
+  return outside_mm(cutouts_, p);
+}
+
+double EditField::without_contact(const Vector3& p) const {
+  return std::clamp(outside_mm(contacts_, p) / kContactFadeMm, 0.0, 1.0);
+}
+
+}  // namespace gnathion
