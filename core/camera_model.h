@@ -48,6 +48,8 @@ struct TaggedBody {
   std::string name;  ///< "bow", "head_frame"
   std::string family = "tag36h11";
   std::vector<BodyTag> tags;
+  std::optional<Vector3> up =
+      std::nullopt;  ///< the patient's cranial direction when it is worn, body's frame
 };
 
 struct Rig {

@@ -98,6 +98,10 @@ std::string body_toml(const TaggedBody& body) {
       "# lower right, upper right, upper left of the upright tag seen from its front.\n"
       "name = \"{}\"\nfamily = \"{}\"\n",
       body.name, body.family);
+  if (body.up)
+    text +=
+        fmt::format("up = [{:.17g}, {:.17g}, {:.17g}]  # the patient's cranial direction when it is worn\n",
+                    body.up->x(), body.up->y(), body.up->z());
   for (const BodyTag& tag : body.tags) {
     text += fmt::format("\n[[tag]]\nid = {}\ncorners_mm = [", tag.id);
     for (const Vector3& c : tag.corners_in_body_mm)
@@ -158,6 +162,11 @@ Result<TaggedBody> read_body(const fs::path& path) {
       tag.corners_in_body_mm[k] = {xyz[0], xyz[1], xyz[2]};
     }
     body.tags.push_back(tag);
+  }
+  if (t.contains("up")) {
+    GNATHION_TRY(const auto up, numbers(t["up"], 3, where, "up"));
+    body.up = Vector3(up[0], up[1], up[2]);
+    if (body.up->norm() < 1e-6) return bad_input(kWhat, where, "key 'up' has no direction");
   }
   return body;
 }
