@@ -1,5 +1,6 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 
@@ -18,6 +19,28 @@ Vector2 step(const std::vector<Vector2>& px, int at, int stride, int place, int 
   return (px[static_cast<std::size_t>(high)] - px[static_cast<std::size_t>(low)]) / ((high - low) / stride);
 }
 
+constexpr int kSearchWidthPx = 1600, kSlowSearchWidthPx = 960;
+
+/// Corners of a search in the image, scaled down to `most_px` of width where it is larger; none where nothing
+/// is found.
+template <class Find>
+std::vector<Vector2> search(const Image8& image, int most_px, const Find& find) {
+  const double scale = std::min(1.0, static_cast<double>(most_px) / image.width_px);
+  std::vector<cv::Point2f> found;
+  try {
+    cv::Mat mat = as_mat(image), small;
+    if (scale < 1) cv::resize(mat, small, cv::Size(), scale, scale, cv::INTER_AREA);
+    if (!find(scale < 1 ? small : mat, &found)) return {};
+  } catch (const cv::Exception&) {
+    return {};  // images of a few pixels
+  }
+  std::vector<Vector2> px;
+  for (const cv::Point2f& p : found)
+    px.emplace_back((static_cast<double>(p.x) + 0.5) / scale - 0.5,
+                    (static_cast<double>(p.y) + 0.5) / scale - 0.5);
+  return px;
+}
+
 double cross(const Vector2& a, const Vector2& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
@@ -26,19 +49,16 @@ double cross(const Vector2& a, const Vector2& b) {
 
 std::optional<std::vector<RoughCorner>> find_chessboard(const Image8& image, const CalibrationBoard& board) {
   const cv::Size size(board.columns, board.rows);
-  std::vector<cv::Point2f> found;
-  const cv::Mat mat = as_mat(image);
-  bool seen = false;
-  try {
-    seen = cv::findChessboardCorners(mat, size, found,
+  const auto classic = [&](const cv::Mat& mat, std::vector<cv::Point2f>* corners) {
+    return cv::findChessboardCorners(mat, size, *corners,
                                      cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE);
-    if (!seen) seen = cv::findChessboardCornersSB(mat, size, found, cv::CALIB_CB_NORMALIZE_IMAGE);
-  } catch (const cv::Exception&) {
-    return std::nullopt;  // images of a few pixels
-  }
-  if (!seen || found.size() != static_cast<std::size_t>(size.area())) return std::nullopt;
-  std::vector<Vector2> px;
-  for (const cv::Point2f& p : found) px.emplace_back(static_cast<double>(p.x), static_cast<double>(p.y));
+  };
+  const auto by_sectors = [&](const cv::Mat& mat, std::vector<cv::Point2f>* corners) {
+    return cv::findChessboardCornersSB(mat, size, *corners, cv::CALIB_CB_NORMALIZE_IMAGE);
+  };
+  std::vector<Vector2> px = search(image, kSearchWidthPx, classic);
+  if (px.empty()) px = search(image, kSlowSearchWidthPx, by_sectors);
+  if (px.size() != static_cast<std::size_t>(size.area())) return std::nullopt;
   const int columns = board.columns, rows = board.rows;
   double turn = 0;
   for (int r = 0; r < rows; ++r)

@@ -19,8 +19,6 @@ using Matrix10 = Eigen::Matrix<double, kParameters + 1, kParameters + 1>;
 constexpr double kLeastRadiusPx = 2.0;
 constexpr double kLeastContrastGrey = 15;
 constexpr double kMostUnexplained = 0.15;  // of the variance
-constexpr double kMostGradient =
-    0.6;  // over the disc, of half the contrast: one dark quadrant of four has 1.7
 constexpr double kQuantisationGrey2 = 1.0 / 12;
 constexpr double kFloorPx = 0.004;  // what the model does not see: the pixel's box, curved edges
 constexpr int kIterations = 30;
@@ -104,6 +102,19 @@ bool descend(const std::vector<Pixel>& pixels, double radius_px, Vector9* x, Mat
   return true;
 }
 
+/// Both quadrants of one colour are brighter than both of the other, by a good part of the contrast: a corner
+/// with one dark quadrant (the outer corner of a board) is no saddle, though a slope of light can make it fit
+/// one.
+bool four_quadrants(const Image8& image, const Vector2& centre, const Vector9& x, double radius_px) {
+  const Vector2 a(std::cos(x[2]), std::sin(x[2])), b(std::cos(x[3]), std::sin(x[3]));
+  const Vector2 along = 0.6 * radius_px * (a + b).normalized(),
+                across = 0.6 * radius_px * (a - b).normalized();
+  const double p = sample(image, centre + along), q = sample(image, centre - along);
+  const double r = sample(image, centre + across), s = sample(image, centre - across);
+  const double between = std::max(std::min(p, q) - std::max(r, s), std::min(r, s) - std::max(p, q));
+  return between > 0.4 * 2 * std::abs(x[5]);
+}
+
 }  // namespace
 
 std::optional<Saddle> fit_saddle(const Image8& image, const Eigen::Vector2d& start_px,
@@ -135,7 +146,8 @@ std::optional<Saddle> fit_saddle(const Image8& image, const Eigen::Vector2d& sta
   const double residual = sum(kParameters, kParameters);
   const double between = std::abs(std::sin(x[2] - x[3]));
   if (2 * std::abs(x[5]) < kLeastContrastGrey || residual > kMostUnexplained * variance || between < 0.25 ||
-      x[4] > 0.65 * radius_px || std::hypot(x[7], x[8]) * radius_px > kMostGradient * std::abs(x[5]))
+      x[4] > 0.65 * radius_px || !inside(image, centre + x.head<2>(), radius_px) ||
+      !four_quadrants(image, centre + x.head<2>(), x, 0.9 * radius_px))
     return std::nullopt;
   const double noise2 = std::max(residual / (count - kParameters), kQuantisationGrey2);
   const Matrix9 inverse = sum.topLeftCorner<kParameters, kParameters>().ldlt().solve(Matrix9::Identity());
