@@ -17,7 +17,7 @@ namespace {
 constexpr double kBar_mm = 3.2;      // radius of the carrier's bar
 constexpr double kBehind_mm = 10.0;  // of the bar behind the plates
 constexpr int kColumns = 5;
-constexpr double kGap_mm = 1.6;  // between plates of a row
+constexpr double kGap_mm = 1.4;  // between plates of a row
 constexpr double kYaw_deg = 10;
 constexpr double kBandThickness_mm = 4.0, kBandHeight_mm = 20.0, kBandHalf_deg = 62.0;
 constexpr double kStrapSlot_mm = 3.5, kStrapHeight_mm = 12.0;

@@ -89,6 +89,7 @@ Result<BowDesign> design_bow(const BowInputs& inputs, const BowParameters& p, Pr
       bow_field(clutch, plates, p), p.fine_mm,
       [&](const Vector3& q) { return clutch.near(q) ? 0.004 : 0.02; }, out.warnings);
   out.bow.tags.name = "bow";
+  out.bow.tags.up = Vector3::UnitZ();
   for (const TagPlate& plate : plates.plates()) out.bow.tags.tags.push_back(tag_on(plate, p.tag_side_mm));
   out.clutch = near_teeth(out.bow.surface, clutch);
 
@@ -97,6 +98,7 @@ Result<BowDesign> design_bow(const BowInputs& inputs, const BowParameters& p, Pr
   out.head_frame.surface = body_surface(
       head_field(head, p), p.fine_mm, [](const Vector3&) { return 0.02; }, out.warnings);
   out.head_frame.tags.name = "head_frame";
+  out.head_frame.tags.up = Vector3::UnitZ();
   for (const TagPlate& plate : head.plates())
     out.head_frame.tags.tags.push_back(tag_on(plate, p.tag_side_mm));
 

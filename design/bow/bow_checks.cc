@@ -185,7 +185,7 @@ void verify_bow(const ClutchScene& scene, const Clutch& clutch, const BowParamet
   Gates gates(d);
   const MeshQuery bow(d.bow.surface), head(d.head_frame.surface);
   printable(gates, d.bow, bow, "bow", 1.0);
-  printable(gates, d.head_frame, head, "head_frame", 1.4);
+  printable(gates, d.head_frame, head, "head_frame", 1.0);
   gates.at_most("incisal_sigma_mm", predicted_sigma_mm(d.bow, bow, Vector3::Zero()), 0.05);
 
   const Box at_teeth = bounding_box(d.clutch);
@@ -225,10 +225,10 @@ void verify_bow(const ClutchScene& scene, const Clutch& clutch, const BowParamet
   }
   std::sort(seat.begin(), seat.end());
   const double median = seat.empty() ? 20 : seat[seat.size() / 2];
-  gates.at_least("seat_gap_min_mm", nearest, p.bonding_gap_mm - 0.07);
+  gates.at_least("seat_gap_min_mm", nearest, p.bonding_gap_mm - 0.08);
   gates.at_most("seat_gap_median_mm", median, p.bonding_gap_mm + 0.05);
-  gates.at_least("bonding_area_mm2", d.bonding_area_mm2, 40);
-  gates.at_least("clutch_height_mm", clutch.height_mm(), 2.5);
+  gates.at_least("bonding_area_mm2", d.bonding_area_mm2, 60);
+  gates.at_least("clutch_height_mm", clutch.height_mm(), 2.0);
   gates.at_most("insertion_interference_mm", insertion_interference(scene, clutch, inner),
                 p.engagement_mm + 0.02);
 

@@ -23,6 +23,7 @@ constexpr double kTallest_mm = 8.0;        // of the clutch below the incisal ed
 constexpr double kGingivaRelief_mm = 0.9;  // what stands below the clutch keeps this, besides the gap
 constexpr double kForward_mm = 16.0;       // how far before the teeth the maxilla matters
 constexpr double kPapilla_mm = 0.8;        // between two teeth the margin stands higher by this
+constexpr double kKnife_mm = 0.5;          // half the least thickness of the shell
 constexpr double kEnd_mm = 1.5;            // the shell ends this far before the canines do
 constexpr double kEmbrasure_mm = 0.6;  // grooves between teeth narrower than twice this stay empty: no fins
 constexpr double kGridError_mm = 0.04;
@@ -100,6 +101,7 @@ Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
   c.choose_withdrawal(scene, ruler);
   c.sample(scene, teeth);
   c.limit(ruler);
+  c.open_shell();
   c.find_stem(scene);
   return c;
 }
@@ -271,6 +273,22 @@ void Clutch::limit(const ArchRuler& ruler) {
   height_ = sum / count;
 }
 
+/// Knife edges, where limits and teeth cut the shell at an acute angle, go; the other edges are rounded.
+void Clutch::open_shell() {
+  const GridShape& grid = teeth_.shape();
+  const Rigid3 bow_from_grid = grid_from_bow_.inverse();
+  CoarseGrid solid(grid, static_cast<float>(kFar));
+  parallel_each(grid.nodes.x(), [&](int i) {
+    for (int j = 0; j < grid.nodes.y(); ++j)
+      for (int k = 0; k < grid.nodes.z(); ++k) {
+        const Vector3 p = bow_from_grid * grid.position(i, j, k);
+        solid.at(i, j, k) =
+            static_cast<float>(std::clamp(std::max(shell_mm(p), room_estimate_mm(p)), -3.0, 3.0));
+      }
+  });
+  opened_ = opened(solid, kKnife_mm);
+}
+
 /// Where the stem may leave the clutch: below everything that the maxilla does before the teeth.
 void Clutch::find_stem(const ClutchScene& scene) {
   const double mid_z = 0.5 * (top_(0) + bottom_(0));
@@ -318,7 +336,8 @@ double Clutch::shell_mm(const Vector3& p) const {
   const double apart = (reach_.min_mm - p).cwiseMax(p - reach_.max_mm).cwiseMax(0.0).norm();
   if (apart > 0) return std::max(apart, 1.0);
   const Vector3 g = grid_from_bow_ * p;
-  return shape::meet(outer_.smooth(g), limits_.smooth(g), 0.6);
+  const double shell = shape::meet(outer_.smooth(g), limits_.smooth(g), 0.6);
+  return opened_.values().empty() ? shell : std::max(shell, opened_.linear(g) - kGridError_mm);
 }
 
 double Clutch::room_estimate_mm(const Vector3& p) const {

@@ -75,6 +75,7 @@ class Clutch {
   void sample(const ClutchScene& scene, const Box& teeth);
   void find_margins(const ClutchScene& scene, const ArchRuler& ruler, double low_mm, double high_mm);
   void limit(const ArchRuler& ruler);
+  void open_shell();
   void find_stem(const ClutchScene& scene);
 
   BowParameters par_;
@@ -84,7 +85,7 @@ class Clutch {
   Box reach_;
   double s_low_ = 0, s_high_ = 0;
   ArcProfile edge_, top_, bottom_;
-  CoarseGrid teeth_, embrasures_, shadow_, outer_, maxilla_, limits_, below_;
+  CoarseGrid teeth_, embrasures_, shadow_, outer_, maxilla_, limits_, below_, opened_;
   double front_y_ = 0, stem_top_ = 0, stem_bottom_ = 0, height_ = 0;
 };
 

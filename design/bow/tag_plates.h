@@ -11,7 +11,7 @@ namespace gnathion {
 inline constexpr double kPlateThickness_mm = 2.0;
 inline constexpr double kPocketDepth_mm = 0.3;
 inline constexpr double kPocketClearance_mm = 0.1;  ///< about the sticker, each side
-inline constexpr double kPocketRim_mm = 1.4;
+inline constexpr double kPocketRim_mm = 1.6;
 inline constexpr double kPost_mm = 2.6;  ///< radius
 
 /// Side of the sticker: tag36h11 is eight cells wide, with one white cell about it.
