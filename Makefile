@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording fuzz asan tsan tidy campaign format clean
+.PHONY: all deps build demo test bench bench-recording accuracy fuzz asan tsan tidy campaign format clean
 
 all: build
 
@@ -33,6 +33,10 @@ bench: build
 bench-recording: build
 	@$(BIN)/recording_campaign $(BUILD)/recording_campaign.mcap; rm -f $(BUILD)/recording_campaign.mcap
 	@$(BIN)/recording_kill_test 100
+
+# Corners, poses, speed and latency beside libapriltag, ArUco and solvePnP: the tables of docs/accuracy.md.
+accuracy: build
+	@$(BIN)/accuracy
 
 FUZZERS := $(patsubst tests/fuzz/%_fuzz.cc,%,$(wildcard tests/fuzz/*_fuzz.cc))
 fuzz: deps

@@ -90,7 +90,10 @@ Result<Tracked> track(const TrackOptionsOfCommand& o, Progress& progress) {
 json track_json(const Tracked& t) {
   std::size_t valid = 0;
   for (const MotionRow& row : t.session.rows) valid += row.valid();
-  json j = {{"frames", t.session.rows.size()}, {"valid", valid}, {"full_searches", t.session.full_searches}};
+  json j = {{"frames", t.session.rows.size()},
+            {"valid", valid},
+            {"full_searches", t.session.full_searches},
+            {"warnings", t.session.warnings}};
   if (t.electromagnetic) {
     json distortions = json::array();
     for (const Distortion& d : t.electromagnetic->distortions)
@@ -118,6 +121,7 @@ json track_json(const Tracked& t) {
 std::string track_text(const Tracked& t, const json& j) {
   std::string text = fmt::format("{} frames, {} with bow and head frame\n", j["frames"].get<std::size_t>(),
                                  j["valid"].get<std::size_t>());
+  for (const std::string& warning : t.session.warnings) text += "warning: " + warning + '\n';
   if (t.electromagnetic) {
     for (const Distortion& d : t.electromagnetic->distortions) text += "distorted: " + d.text() + '\n';
     for (const std::string& note : t.electromagnetic->notes) text += "note: " + note + '\n';

@@ -53,7 +53,10 @@ Rig phantom_rig(const PhantomPatient& patient) {
   camera.model.p1 = 0.0005;
   camera.model.p2 = -0.0005;
   camera.line_time_ns = 0;
-  return {{camera}, patient.bow.tags, patient.head_frame.tags};
+  Rig rig{{camera}, patient.bow.tags, patient.head_frame.tags};
+  rig.bow.up = patient.bow_from_dental.rigid.rotation * Vector3::UnitZ();
+  rig.head_frame.up = patient.head_from_dental.rigid.rotation * Vector3::UnitZ();
+  return rig;
 }
 
 Transform<Camera, Dental> phantom_camera_from_dental_at_rest() {

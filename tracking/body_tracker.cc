@@ -18,6 +18,7 @@ class Track {
     before_ = last_;
     last_ = Stamped{at, pose};
   }
+  HostTime last_at() const { return last_ ? last_->at : HostTime{}; }
   const Rigid3* last_pose() const { return last_ ? &last_->pose : nullptr; }
   std::optional<Rigid3> predicted(HostTime at, double max_age_s) const {
     if (!last_) return std::nullopt;
@@ -62,9 +63,9 @@ struct Tile {
   int x, y, width, height;
 };
 
-/// Tiles that overlap by half, so that a tag of up to a quarter of the image lies whole in one of them.
+/// Tiles that overlap by half, so that a tag of up to a tenth of the image lies whole in one of them.
 std::vector<Tile> tiles_of(const CameraModel& camera) {
-  const int width = camera.width_px / 4, height = camera.height_px / 3;
+  const int width = camera.width_px / 5, height = camera.height_px / 4;
   std::vector<Tile> tiles;
   for (int y = 0; y + height / 2 < camera.height_px; y += height / 2)
     for (int x = 0; x + width / 2 < camera.width_px; x += width / 2) tiles.push_back({x, y, width, height});
@@ -88,6 +89,7 @@ struct BodyTracker::Impl {
   std::unique_ptr<TagDetector> detector, quick_detector;  // quick: quads at half resolution
   std::array<TrackedBody, 2> bodies;                      // bow, head frame
   RigTags last_tags;
+  HostTime last_capture;
   int frames_to_search = 0;
   std::size_t tiles_searched = 0;  ///< since a body was lost
 
@@ -148,13 +150,13 @@ struct BodyTracker::Impl {
       if (images[c] == nullptr) continue;
       const CameraModel& camera = rig.cameras[c].model;
       std::vector<Tile> tiles = tiles_of(camera);
-      if (const auto centre = last_seen(rig.cameras[c])) {
-        const auto distance = [&](const Tile& t) {
-          return (*centre - Eigen::Vector2d(t.x + 0.5 * t.width, t.y + 0.5 * t.height)).squaredNorm();
-        };
-        std::stable_sort(tiles.begin(), tiles.end(),
-                         [&](const Tile& a, const Tile& b) { return distance(a) < distance(b); });
-      }
+      const Eigen::Vector2d middle(0.5 * camera.width_px, 0.5 * camera.height_px);
+      const Eigen::Vector2d near = last_seen(rig.cameras[c]).value_or(middle);
+      const auto distance = [&](const Tile& t) {
+        return (near - Eigen::Vector2d(t.x + 0.5 * t.width, t.y + 0.5 * t.height)).squaredNorm();
+      };
+      std::stable_sort(tiles.begin(), tiles.end(),
+                       [&](const Tile& a, const Tile& b) { return distance(a) < distance(b); });
       for (int i = 0; i < options.search_tiles; ++i) {
         const Tile& t = tiles[(tiles_searched + static_cast<std::size_t>(i)) % tiles.size()];
         add_found(quick_detector->detect_in(*images[c], camera, t.x, t.y, t.width, t.height), c, tags);
@@ -272,7 +274,10 @@ BodyPoses BodyTracker::next(HostTime capture, const std::vector<const Image8*>& 
   RigTags tags(images.size());
   m.predict(capture);
   for (TrackedBody& b : m.bodies) {
-    if (b.predicted) m.follow(b, *b.predicted, images, m.options.retries_per_frame, &tags);
+    if (!b.predicted) continue;
+    const bool seen_last = b.track.last_at() == m.last_capture;  // else none of its tags has a last frame
+    const int retries = seen_last ? m.options.retries_per_frame : static_cast<int>(b.body->tags.size());
+    m.follow(b, *b.predicted, images, retries, &tags);
   }
   for (TrackedBody& b : m.bodies) m.estimate(b, tags, b.predicted);
   if (m.lost()) m.search(images, &tags, &poses);
@@ -283,7 +288,9 @@ BodyPoses BodyTracker::next(HostTime capture, const std::vector<const Image8*>& 
   for (TrackedBody& b : m.bodies) {
     if (b.pose.valid) b.track.see(capture, b.pose.camera_from_body);
   }
+  if (poses.searched && m.lost()) poses.tags = tags;
   m.last_tags = std::move(tags);
+  m.last_capture = capture;
   poses.bow = std::move(m.bodies[0].pose);
   poses.head = std::move(m.bodies[1].pose);
   return poses;

@@ -19,9 +19,9 @@ struct BodyTrackerOptions {
   BodyPoseOptions pose;
   int search_pause_frames = 5;    ///< while a body stays lost, whole frames are searched this often
   double max_prediction_s = 0.1;  ///< an older pose predicts nothing
-  /// While a body is lost, each frame is searched in this many tiles of about a sixteenth of the image, the
-  /// nearest to where it was last seen first: no frame takes much longer than another (live). 0: whole frames
-  /// (recordings).
+  /// While a body is lost, each frame is searched in this many tiles of a twentieth of the image, the nearest
+  /// to where it was last seen (or the middle) first: no frame takes much longer than another (live). 0:
+  /// whole frames (recordings).
   int search_tiles = 0;
   /// Tags that were not seen in the last frame and should be visible: so many of each body are looked for in
   /// a frame, in turn.
@@ -33,6 +33,7 @@ struct BodyPoses {
   bool searched = false;            ///< a whole frame, or tiles of it, was searched
   std::vector<int> ids_seen_twice;  ///< found at two places of one image by the search, both without doubt
   std::vector<int> foreign_ids;     ///< found by the search, on neither body
+  RigTags tags;                     ///< all that was seen, where a body is lost after a search
 };
 
 /// Not thread-safe. Results depend only on the frames since construction or reset().

@@ -14,7 +14,8 @@ using Vector7 = Eigen::Matrix<double, kEdgeParameters, 1>;
 using Matrix7 = Eigen::Matrix<double, kEdgeParameters, kEdgeParameters>;
 
 constexpr int kMostIterations = 12;
-constexpr int kSaturated = 252;  // brighter pixels tell nothing of where an edge lies
+constexpr double kRoundingVariance = 0.01;  // a side without any noise still has grey levels
+constexpr int kSaturated = 252;             // brighter pixels tell nothing of where an edge lies
 
 // ---- Four floats at a time (the vector extension that g++ and clang share) ----
 
@@ -160,9 +161,10 @@ void add_inner_cells(const Side& side, const InnerRow& row, double reach_px, dou
 void start_levels(const EdgeStrip& strip, EdgeFit* fit) {
   double black = 0, white = 0;
   int blacks = 0, whites = 0;
+  const float beyond = static_cast<float>(std::min(1.8 * fit->x[2], 0.6 * fit->reach_px));
   for (std::size_t k = 0; k < static_cast<std::size_t>(strip.count); ++k) {
-    if (strip.distance[k] < -1) black += static_cast<double>(strip.grey[k]), ++blacks;
-    if (strip.distance[k] > 1) white += static_cast<double>(strip.grey[k]), ++whites;
+    if (strip.distance[k] < -beyond) black += static_cast<double>(strip.grey[k]), ++blacks;
+    if (strip.distance[k] > beyond) white += static_cast<double>(strip.grey[k]), ++whites;
   }
   fit->x[3] = blacks ? black / blacks : 0;
   fit->x[5] = (whites ? white / whites : 255) - fit->x[3];
@@ -246,6 +248,34 @@ Matrix8 accumulate(EdgeStrip& strip, const Vector7& x) {
 
 // ---- The fit ----
 
+/// Variance of the grey values about the fit, without what the lens' true profile has over the model's: that
+/// is odd in the distance from the edge (brighter here, darker there), moves no edge, and would pass for
+/// noise.
+double noise_variance(const EdgeStrip& strip, const EdgeFit& fit) {
+  constexpr double kBinsPerPx = 4;
+  constexpr std::size_t kBins = 32;
+  std::array<double, kBins> odd{}, pixels{};
+  double squares = 0, count = 0;
+  const float a = static_cast<float>(fit.x[0]), b = static_cast<float>(fit.x[1]);
+  for (std::size_t k = 0; k < static_cast<std::size_t>(strip.count); ++k) {
+    if (strip.weight[k] == 0) continue;
+    const double r = static_cast<double>(strip.residual[k]);
+    const double d = static_cast<double>(strip.distance[k] - a - b * strip.v[k]);
+    const std::size_t bin = std::min(static_cast<std::size_t>(std::abs(d) * kBinsPerPx), kBins - 1);
+    odd[bin] += d > 0 ? r : -r;
+    pixels[bin] += 1;
+    squares += r * r;
+    count += 1;
+  }
+  double freedom = count - kEdgeParameters;
+  for (std::size_t bin = 0; bin < kBins; ++bin) {
+    if (pixels[bin] < 2) continue;
+    squares -= odd[bin] * odd[bin] / pixels[bin];
+    freedom -= 1;
+  }
+  return std::max(squares, 0.0) / std::max(freedom, 1.0);
+}
+
 /// Gauss–Newton from `fit` on; the set of pixels stays fixed.
 bool iterate(EdgeStrip& strip, double blur_limit_px, int pixels, EdgeFit* fit) {
   for (int i = 0; i < kMostIterations; ++i) {
@@ -263,8 +293,8 @@ bool iterate(EdgeStrip& strip, double blur_limit_px, int pixels, EdgeFit* fit) {
     fit->x[2] = std::clamp(fit->x[2], 0.25, std::max(blur_limit_px, 0.6));
     // Gauss–Newton converges quadratically here: what is left after such a step is below 0.001 px.
     if (longest > 0.01 || std::abs(fit->x[2] - blur_before) > 0.03 * blur_before) continue;
-    const double variance = std::max(sums(7, 7) - full.dot(gradient), 0.0) / (pixels - kEdgeParameters);
-    fit->noise_grey = std::sqrt(variance);
+    fit->noise_grey = std::sqrt(std::max(sums(7, 7) - full.dot(gradient), 0.0) / (pixels - kEdgeParameters));
+    const double variance = noise_variance(strip, *fit) + kRoundingVariance;
     Eigen::Matrix<double, 7, 2> unit = Eigen::Matrix<double, 7, 2>::Identity();
     fit->covariance = variance * solver.solve(unit).topRows<2>();
     return true;
@@ -290,11 +320,15 @@ int uncover(EdgeStrip& strip, const EdgeFit& fit, int* covered) {
   std::array<double, kEdgeSegments> rms{}, sorted{};
   std::size_t judged = 0;
   for (std::size_t s = 0; s < kEdgeSegments; ++s) {
-    rms[s] = pixels[s] >= 6 ? std::sqrt(squares[s] / pixels[s]) : 0;
-    if (pixels[s] >= 6) sorted[judged++] = rms[s];
+    const bool enough = pixels[s] >= 6;
+    judged += enough;
+    rms[s] = enough ? std::sqrt(squares[s] / pixels[s]) : 0;
+    sorted[s] = enough ? rms[s] : 1e9;
   }
   if (judged < 4) return 0;
-  std::sort(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(judged));
+  for (std::size_t i = 1; i < kEdgeSegments; ++i) {
+    for (std::size_t j = i; j > 0 && sorted[j] < sorted[j - 1]; --j) std::swap(sorted[j], sorted[j - 1]);
+  }
   const double limit = std::max(2.5 * sorted[judged / 3], 0.03 * std::abs(fit.contrast_grey()));
   std::array<bool, kEdgeSegments> drop{};
   int dropped = 0;

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "core/bounded_queue.h"
+#include "tracking/body_checks.h"
 
 namespace gnathion {
 namespace {
@@ -28,6 +29,9 @@ struct Chunk {
   std::vector<Instant> instants;
   std::vector<MotionRow> rows;
   std::size_t searches = 0;
+  SessionEvidence evidence;
+
+  explicit Chunk(std::size_t cameras) : evidence(cameras) {}
 };
 
 void track_chunk(BodyTracker& tracker, Chunk* chunk) {
@@ -41,6 +45,7 @@ void track_chunk(BodyTracker& tracker, Chunk* chunk) {
       if (frame && row.cameras++ == 0) row.sequence = frame->header.sequence;
     }
     BodyPoses poses = tracker.next(instant.capture, images);
+    chunk->evidence.add(poses, images);
     row.bow = std::move(poses.bow);
     row.head = std::move(poses.head);
     chunk->searches += poses.searched;
@@ -292,17 +297,29 @@ class SessionTracker {
 
   void next_chunk() {
     if (!chunks_.empty()) workers_->submit(&chunks_.back());
-    chunks_.emplace_back();
+    chunks_.emplace_back(rig_.cameras.size());
     filled_ = 0;
   }
 
-  SessionMotion collect() {
+  Result<SessionMotion> collect() {
+    SessionEvidence evidence(rig_.cameras.size());
     for (Chunk& chunk : chunks_) {
+      evidence.merge(chunk.evidence);
       std::move(chunk.rows.begin(), chunk.rows.end(), std::back_inserter(session_.rows));
       session_.full_searches += chunk.searches;
     }
     std::stable_sort(session_.rows.begin(), session_.rows.end(),
                      [](const MotionRow& a, const MotionRow& b) { return a.capture < b.capture; });
+    std::size_t valid = 0;
+    std::map<std::string, int> reasons;
+    for (const MotionRow& row : session_.rows) {
+      valid += row.valid();
+      ++reasons[row.reason()];
+    }
+    const auto usual = std::max_element(reasons.begin(), reasons.end(),
+                                        [](const auto& a, const auto& b) { return a.second < b.second; });
+    GNATHION_CHECK_OK(evidence.refusal(rig_, valid, usual->first));
+    session_.warnings = evidence.warnings(rig_);
     for (std::size_t c = 0; c < books_.size(); ++c) {
       const auto lost = books_[c].lost(&session_.ledger[rig_.cameras[c].name]);
       add_missing_rows(lost, options_.same_instant_s, &session_.rows);

@@ -45,7 +45,7 @@ struct TagDetectorOptions {
   bool refine = true;           ///< edge fits; without them libapriltag's corners stand
   bool keep_unrefined = false;  ///< keep a tag whose edge fit failed, with a covariance that says so
   /// Added to every corner variance: what the fit cannot see (pixel response, print), px.
-  double corner_floor_px = 0.003;
+  double corner_floor_px = 0.0015;
 };
 
 /// Not thread-safe: one per thread. Same image, same result.

@@ -53,26 +53,38 @@ std::unique_ptr<TagDetector> detector(bool refine) {
   return std::move(*created);
 }
 
-/// Distances of the corners to the truth. Others count corners from another one, so the best of the four
-/// cyclic orders is taken.
-std::vector<double> corner_errors(const TagCorners& found, const TagCorners& truth, bool any_order) {
-  std::vector<double> best;
-  for (const int direction : {1, 3}) {
-    for (int shift = 0; shift < 4; ++shift) {
-      std::vector<double> errors;
-      for (int k = 0; k < 4; ++k) {
-        const int j = (shift + direction * k) % 4;
-        errors.push_back((found[static_cast<std::size_t>(j)] - truth[static_cast<std::size_t>(k)]).norm());
+struct CornerErrors {
+  std::vector<Eigen::Vector2d> px;
+  void add(const TagCorners& found, const TagCorners& truth, int shift, int direction) {
+    for (int k = 0; k < 4; ++k)
+      px.push_back(found[static_cast<std::size_t>((shift + direction * k) & 3)] -
+                   truth[static_cast<std::size_t>(k)]);
+  }
+};
+
+/// Errors in the best of the eight orders of corners: others count from another one, or the other way round.
+CornerErrors corner_errors(const TagCorners& found, const TagCorners& truth, bool any_order) {
+  CornerErrors best;
+  double best_sum = 1e300;
+  for (const int direction : {1, -1}) {
+    for (int shift = 0; shift < (any_order ? 4 : 1); ++shift) {
+      CornerErrors errors;
+      errors.add(found, truth, shift, direction);
+      double sum = 0;
+      for (const auto& e : errors.px) sum += e.squaredNorm();
+      if (sum < best_sum) {
+        best_sum = sum;
+        best = errors;
       }
-      if (best.empty() || rms(errors) < rms(best)) best = errors;
-      if (!any_order) return best;
     }
+    if (!any_order) break;
   }
   return best;
 }
 
 void corner_row(const char* name, const std::vector<Picture>& pictures, bool stated, const Detect& detect) {
-  std::vector<double> errors, times_ms;
+  std::vector<Eigen::Vector2d> errors;
+  std::vector<double> times_ms;
   double normalised = 0;
   std::size_t truths = 0, found = 0;
   for (const Picture& picture : pictures) {
@@ -83,8 +95,8 @@ void corner_row(const char* name, const std::vector<Picture>& pictures, bool sta
       ++truths;
       for (const TagObservation& o : tags) {
         if (o.id != truth.id) continue;
-        const auto e = corner_errors(o.corners_px, truth.corners_px, !stated);
-        if (*std::max_element(e.begin(), e.end()) > 5) continue;
+        const auto e = corner_errors(o.corners_px, truth.corners_px, !stated).px;
+        if (std::any_of(e.begin(), e.end(), [](const auto& d) { return d.norm() > 5; })) continue;
         ++found;
         errors.insert(errors.end(), e.begin(), e.end());
         if (!stated) break;
@@ -99,16 +111,22 @@ void corner_row(const char* name, const std::vector<Picture>& pictures, bool sta
   }
   const std::string covariance =
       stated ? fmt::format("{:.2f}", normalised / static_cast<double>(found)) : "–";
-  fmt::print("| {} | {}/{} | {:.4f} | {:.3f} | {:.3f} | {} | {:.2f} |\n", name, found, truths, rms(errors),
-             at_quantile(errors, 0.95), at_quantile(errors, 1), covariance, at_quantile(times_ms, 0.5));
+  // A constant offset is a matter of convention (where pixel (0, 0) is): told, and taken out for others.
+  Eigen::Vector2d offset = Eigen::Vector2d::Zero();
+  for (const auto& e : errors) offset += e / static_cast<double>(errors.size());
+  std::vector<double> distances;
+  for (const auto& e : errors) distances.push_back((stated ? e : Eigen::Vector2d(e - offset)).norm());
+  fmt::print("| {} | {}/{} | {:.4f} | {:.3f} | {:.3f} | ({:.3f}, {:.3f}) | {} | {:.2f} |\n", name, found,
+             truths, rms(distances), at_quantile(distances, 0.95), at_quantile(distances, 1), offset.x(),
+             offset.y(), covariance, at_quantile(times_ms, 0.5));
   std::fflush(stdout);
 }
 
 void corner_table(const Look& look, std::uint64_t seed, int count) {
   const auto pictures = tag_pictures(look, seed, count);
   fmt::print(
-      "\n### Corners: {}\n\n| | found | RMS px | 95 % px | worst px | NEES/8 | ms a frame |\n"
-      "| --- | --- | --- | --- | --- | --- | --- |\n",
+      "\n### Corners: {}\n\n| | found | RMS px | 95 % px | worst px | mean error px | NEES/8 | ms a frame |\n"
+      "| --- | --- | --- | --- | --- | --- | --- | --- |\n",
       look.name);
   const CameraModel camera = table_camera();
   const auto ours = detector(true), library = detector(false);
@@ -216,15 +234,6 @@ PoseErrors by_pnp(const std::vector<Film>& films, std::size_t stride, PnpMethod 
   return errors;
 }
 
-/// ArUco counts from the upper left corner clockwise; ours is the lower left, counter-clockwise.
-Tags in_our_order(Tags tags) {
-  for (TagObservation& o : tags) {
-    const TagCorners c = o.corners_px;
-    o.corners_px = {c[3], c[2], c[1], c[0]};
-  }
-  return tags;
-}
-
 void pose_table(const std::vector<Film>& films, std::size_t stride) {
   fmt::print(
       "\n### Poses: the patient's film, bow relative to head frame, 6 tags a body\n\n"
@@ -245,7 +254,7 @@ void pose_table(const std::vector<Film>& films, std::size_t stride) {
        {std::pair("ArUco subpixel, solvePnP iterative", ArucoRefinement::kSubpixel),
         std::pair("ArUco AprilTag, solvePnP iterative", ArucoRefinement::kAprilTag)}) {
     by_pnp(films, stride, PnpMethod::kIterative, [r = refinement](const Image8& image) {
-      return in_our_order(aruco_tags(image, r));
+      return aruco_tags(image, r);
     }).print(name);
   }
   PoseErrors alone;

@@ -8,6 +8,8 @@
 namespace gnathion::accuracy {
 namespace {
 
+constexpr std::size_t kCorner[] = {1, 0, 3, 2};
+
 double area(const TagCorners& c) {
   const Eigen::Vector2d a = c[2] - c[0], b = c[3] - c[1];
   return std::abs(a.x() * b.y() - a.y() * b.x());
@@ -43,7 +45,14 @@ std::vector<TagObservation> aruco_tags(const Image8& image, ArucoRefinement refi
   for (std::size_t i = 0; i < ids.size(); ++i) {
     TagObservation o;
     o.id = ids[i];
-    for (std::size_t k = 0; k < 4; ++k) o.corners_px[k] = {corners[i][k].x, corners[i][k].y};
+    for (std::size_t k = 0; k < 4; ++k) {
+      // OpenCV's dictionary holds this family turned by half a turn, and counts from the upper left corner
+      // clockwise; ours from the lower left counter-clockwise. The AprilTag refinement has its pixels' origin
+      // at their corner.
+      const cv::Point2f& c = corners[i][kCorner[k]];
+      const double origin = refinement == ArucoRefinement::kAprilTag ? 0.5 : 0.0;
+      o.corners_px[k] = {c.x - origin, c.y - origin};
+    }
     tags.push_back(o);
   }
   return tags;
