@@ -73,7 +73,7 @@ void warn(const CameraSolution& s, const CameraCalibrationOptions& options, Came
                     fmt::join(c->coverage.thin, ", ")));
   if (c->bend.significant && c->bend.sag_mm > 0.02)
     add(fmt::format(
-        "the board is bent, or its lens is not of this model: residuals follow a sag of {:.2f} ± {:.2f} mm",
+        "the board is bent, or the lens is not of this model: residuals follow a sag of {:.2f} ± {:.2f} mm",
         c->bend.sag_mm, c->bend.sigma_mm));
   if (c->focal_drift_share > 5e-4)
     add(fmt::format("focal length differs from view to view by {:.2f} % beyond noise: is autofocus off?",

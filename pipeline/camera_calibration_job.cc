@@ -180,7 +180,8 @@ Result<std::string> what_else(const CameraCalibrationJob& job, const std::vector
 }
 
 Result<RigCameraViews> views_of(const CameraCalibrationJob& job, const Images& images,
-                                std::vector<NotFound>* not_found, Progress& progress) {
+                                const CameraModel& lens, std::vector<NotFound>* not_found, bool* from_edges,
+                                Progress& progress) {
   const std::size_t count = images.names.size();
   const auto load = [&](std::size_t i) -> Result<Image8> {
     if (images.frames.empty()) return read_grey_image(images.files[i]);
@@ -188,7 +189,7 @@ Result<RigCameraViews> views_of(const CameraCalibrationJob& job, const Images& i
   };
   const auto name = [&](std::size_t i) { return images.names[i]; };
   progress.begin_step("finding the board, " + images.camera, 0.4 / static_cast<double>(job.cameras.size()));
-  GNATHION_TRY(BoardDetections found, detect_boards(job.board, count, load, name, CameraModel(), progress));
+  GNATHION_TRY(BoardDetections found, detect_boards(job.board, count, load, name, lens, progress));
   RigCameraViews out;
   out.name = images.camera;
   out.width_px = found.width_px, out.height_px = found.height_px;
@@ -196,6 +197,7 @@ Result<RigCameraViews> views_of(const CameraCalibrationJob& job, const Images& i
   for (const BoardDetection& d : found.images) {
     if (d.found()) {
       out.views.push_back(d.view);
+      *from_edges = *from_edges || d.from_edges;
     } else {
       ++reasons[d.reason];
       not_found->push_back({images.camera, d.view.name, d.reason});
@@ -214,32 +216,45 @@ Result<RigCameraViews> views_of(const CameraCalibrationJob& job, const Images& i
   return out;
 }
 
-}  // namespace
-
-Result<CameraCalibrationOutput> run_camera_calibration(const CameraCalibrationJob& job, Progress& progress) {
-  progress.begin_step("reading images", 0.1);
-  GNATHION_TRY(const std::vector<Images> images,
-               job.recording.empty() ? images_from_folders(job) : images_from_recording(job));
+/// Boards found and cameras solved, once; `lenses` as far as they are known.
+Result<CameraCalibrationOutput> solve_once(const CameraCalibrationJob& job, const std::vector<Images>& images,
+                                           const std::vector<CameraModel>& lenses, bool* from_edges,
+                                           Progress& progress) {
   CameraCalibrationOutput out;
   std::vector<RigCameraViews> views;
-  for (const Images& i : images) {
-    GNATHION_TRY(RigCameraViews v, views_of(job, i, &out.not_found, progress));
+  for (std::size_t c = 0; c < images.size(); ++c) {
+    GNATHION_TRY(RigCameraViews v, views_of(job, images[c], lenses[c], &out.not_found, from_edges, progress));
     views.push_back(std::move(v));
   }
   if (views.size() > 1) {
     GNATHION_TRY(out.rig, calibrate_rig(job.board, views, job.options, progress));
     return out;
   }
-  GNATHION_TRY(CameraCalibration camera,
-               calibrate_camera(job.board, views[0].name, views[0].width_px, views[0].height_px,
-                                views[0].views, job.options, progress));
+  const RigCameraViews& only = views[0];
+  GNATHION_TRY(CameraCalibration camera, calibrate_camera(job.board, only.name, only.width_px, only.height_px,
+                                                          only.views, job.options, progress));
   out.rig.warnings = camera.warnings;
   out.rig.rms_px = camera.rms_px;
   out.rig.held_out_px = camera.held_out_px;
   out.rig.noise_scale = camera.noise_scale;
   out.rig.covariance = camera.covariance;
-  out.rig.cameras.push_back({views[0].name, std::move(camera), {}, Matrix6::Zero(), 0});
+  out.rig.cameras.push_back({only.name, std::move(camera), {}, Matrix6::Zero(), 0});
   return out;
+}
+
+}  // namespace
+
+Result<CameraCalibrationOutput> run_camera_calibration(const CameraCalibrationJob& job, Progress& progress) {
+  progress.begin_step("reading images", 0.1);
+  GNATHION_TRY(const std::vector<Images> images,
+               job.recording.empty() ? images_from_folders(job) : images_from_recording(job));
+  bool from_edges = false;
+  std::vector<CameraModel> lenses(images.size());
+  GNATHION_TRY(CameraCalibrationOutput out, solve_once(job, images, lenses, &from_edges, progress));
+  if (!from_edges) return out;
+  // The lens bends the edges of tags; now it is known how.
+  for (std::size_t c = 0; c < lenses.size(); ++c) lenses[c] = out.rig.cameras[c].camera.model;
+  return solve_once(job, images, lenses, &from_edges, progress);
 }
 
 }  // namespace gnathion

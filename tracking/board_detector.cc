@@ -157,6 +157,7 @@ struct BoardDetector::Impl {
   /// Corners from the tags' own edges.
   void fit_tags(const Image8& image, const CameraModel& camera, const std::vector<Marker>& markers,
                 const PlacedMarkers& placed, const std::vector<RoughCorner>& rough, BoardDetection* out) {
+    out->from_edges = true;
     std::vector<double> blur;
     std::map<int, const RoughCorner*> by_id;
     for (const RoughCorner& r : rough) by_id[r.id] = &r;

@@ -12,9 +12,10 @@
 namespace gnathion {
 
 struct BoardDetection {
-  BoardView view;      ///< no corners: not found
-  std::string reason;  ///< why not: "no chessboard of 9x6 inner corners"
-  double blur_px = 0;  ///< standard deviation of the edges' profile, median of the corners
+  BoardView view;           ///< no corners: not found
+  std::string reason;       ///< why not: "no chessboard of 9x6 inner corners"
+  double blur_px = 0;       ///< standard deviation of the edges' profile, median of the corners
+  bool from_edges = false;  ///< corners from tags' edges: better once the lens is known
   bool found() const { return !view.corners.empty(); }
 };
 

@@ -106,14 +106,14 @@ TEST_P(Boards, ParametersLieWithinTheirStatedSigma) {
   EXPECT_GT(nees / trials, 0.3);
 }
 
-INSTANTIATE_TEST_SUITE_P(All, Boards,
-                         ::testing::Values(Case{"chessboard:9x6:25", true, 0.03},
-                                           Case{"charuco:9x7:25:17:4X4_50", true, 0.04},
-                                           Case{"aprilgrid:5x4:40:0.3", true, 0.04}),
-                         [](const auto& board) {
-                           const std::string text = board.param.board;
-                           return text.substr(0, text.find(':'));
-                         });
+INSTANTIATE_TEST_SUITE_P(
+    All, Boards,
+    ::testing::Values(Case{"chessboard:9x6:25", true, 0.03}, Case{"charuco:9x7:25:17:4X4_50", true, 0.04},
+                      Case{"aprilgrid:5x4:40:0.3", true, 0.04}, Case{"aprilgrid:5x4:40:0.3", false, 0.04}),
+    [](const auto& board) {
+      const std::string text = board.param.board;
+      return text.substr(0, text.find(':')) + (board.param.corner_squares ? "" : "_plain");
+    });
 
 TEST(Boards, WhatIsNotTheBoardIsNamed) {
   Random random(fresh_seed());

@@ -230,7 +230,8 @@ TEST(RealPairs, TheRigIsNoWorseThanOpenCv) {
   EXPECT_GT(t.x(), 50);  // the right camera stands to the right
 }
 
-/// Left and right pictures in one folder: two cameras of one make, 1 % apart in focal length.
+/// Left and right pictures in one folder: two cameras of one make, 0.7 % apart in focal length. The refusal
+/// tells which views belong together.
 TEST(RealPairs, MixedCamerasAreRefused) {
   SKIP_WITHOUT_PHOTOGRAPHS();
   SilentProgress silent;
@@ -241,7 +242,9 @@ TEST(RealPairs, MixedCamerasAreRefused) {
   }
   const auto c = calibrate_camera(pairs().board, "mixed", 640, 480, mixed, {}, silent);
   ASSERT_FALSE(c) << c->rms_px;
-  std::printf("%s\n", c.error().line().c_str());
+  EXPECT_NE(c.error().why.find("two cameras"), std::string::npos) << c.error().line();
+  EXPECT_NE(c.error().why.find("'01' and others"), std::string::npos) << c.error().line();
+  EXPECT_NE(c.error().why.find("'right07' and others"), std::string::npos) << c.error().line();
 }
 
 }  // namespace
