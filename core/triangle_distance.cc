@@ -37,11 +37,14 @@ TrianglePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vect
   const Vector3 ab = b - a, ac = c - a, n = ab.cross(ac);
   const double n2 = n.squaredNorm();
   const double longest2 = std::max({ab.squaredNorm(), ac.squaredNorm(), (c - b).squaredNorm()});
+  double u = -1.0, v = -1.0, w = -1.0;
   // Heights below 1e-9 of the longest side are beneath what the inside test can resolve.
   if (n2 > 1e-18 * longest2 * longest2) {
     // Barycentric coordinates of p's foot in the plane; inside if all three are positive.
     const Vector3 ap = p - a;
-    const double v = n.dot(ap.cross(ac)) / n2, w = n.dot(ab.cross(ap)) / n2, u = 1.0 - v - w;
+    v = n.dot(ap.cross(ac)) / n2;
+    w = n.dot(ab.cross(ap)) / n2;
+    u = 1.0 - v - w;
     if (u > 0.0 && v > 0.0 && w > 0.0) {
       TrianglePoint result;
       result.barycentric = {u, v, w};
@@ -51,10 +54,16 @@ TrianglePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vect
       return result;
     }
   }
-  // The foot is outside: the closest point is on one of the sides.
-  TrianglePoint best = on_segment(p, a, b, 0);
-  for (const TrianglePoint& other : {on_segment(p, b, c, 1), on_segment(p, c, a, 2)})
+  // The foot is outside: the closest point is on a side that has the foot on its outer side. From anywhere
+  // else on the rim a step towards p would stay in the triangle and come nearer.
+  TrianglePoint best;
+  best.squared_distance = std::numeric_limits<double>::infinity();
+  const auto consider = [&](const TrianglePoint& other) {
     if (other.squared_distance < best.squared_distance) best = other;
+  };
+  if (!(w > 0.0)) consider(on_segment(p, a, b, 0));
+  if (!(u > 0.0)) consider(on_segment(p, b, c, 1));
+  if (!(v > 0.0)) consider(on_segment(p, c, a, 2));
   return best;
 }
 
