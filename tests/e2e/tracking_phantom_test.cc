@@ -6,6 +6,7 @@
 
 #include "phantom/film.h"
 #include "phantom/film_test_scene.h"
+#include "tracking/analysis/jaw_analysis.h"
 #include "tracking/plateaus.h"
 #include "tracking/session_motion.h"
 
@@ -136,6 +137,51 @@ TEST(TrackingPhantom, RestsAreFoundWhereTheJawRests) {
                 kind == JawPhaseKind::kTransfer || kind == JawPhaseKind::kProtrusion)
         << rest.start_s << ".." << rest.end_s;
   }
+}
+
+/// Chord of a condyle's true path in the protrusion, 1 kHz, dental axes x left, y back, z up.
+double true_inclination_deg(const PhantomFilm& film, const Vector3& condyle_mm, double chord_mm) {
+  for (const JawPhase& phase : film.jaw().phases()) {
+    if (phase.kind != JawPhaseKind::kProtrusion) continue;
+    for (double t = phase.start_s; t < phase.end_s(); t += 1e-3) {
+      const Vector3 d = film.jaw().nominal_motion(t) * condyle_mm - condyle_mm;
+      if (std::hypot(d.y(), d.z()) >= chord_mm) return std::atan2(-d.z(), -d.y()) / kDeg;
+    }
+  }
+  return NAN;
+}
+
+TEST(TrackingPhantom, TheMotionIsReadAsTheJointsMoved) {
+  Tracked& t = tracked();
+  const FilmScene& scene = t.film.scene();
+  PlateauOptions options;
+  options.point_in_bow_mm = t.incisal_in_bow;
+  const auto mi = find_mi(t.session, options);
+  ASSERT_TRUE(mi.has_value()) << mi.error().line();
+  const auto recording =
+      jaw_recording(t.session, mi->head_from_bow_mi, {scene.bow_from_dental, Matrix6::Zero()});
+  ASSERT_TRUE(recording.has_value()) << recording.error().line();
+  JawLandmarks landmarks;
+  landmarks.molar_left_mm = {23, 30, 0};
+  landmarks.molar_right_mm = {-23, 30, 0};
+  landmarks.condyle_left_mm = scene.condyle_left_mm;
+  landmarks.condyle_right_mm = scene.condyle_right_mm;
+  const auto a = analyse_jaw_motion(*recording, landmarks, {});
+  ASSERT_TRUE(a.has_value()) << a.error().line();
+  for (const bool left : {true, false}) {
+    const JawNumber* n = a->find("sagittal_condylar_inclination_5mm", left ? "left" : "right");
+    ASSERT_TRUE(n != nullptr && n->determined) << n->reason;
+    const double truth =
+        true_inclination_deg(t.film, left ? scene.condyle_left_mm : scene.condyle_right_mm, 5);
+    std::printf("inclination %s by the film: %.2f deg, stated sigma %.2f, truth %.2f\n", n->side.c_str(),
+                n->value, n->sigma, truth);
+    EXPECT_NEAR(n->value, truth, std::max(4 * n->sigma, 0.2));
+    EXPECT_LE(n->sigma, 1.0);
+  }
+  const JawNumber* angle = a->find("opening_angle");
+  ASSERT_TRUE(angle->determined);
+  EXPECT_NEAR(angle->value, 25, std::max(4 * angle->sigma, 0.05));
+  EXPECT_EQ(a->find("chewing_cycles")->value, 3);
 }
 
 }  // namespace
