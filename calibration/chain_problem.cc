@@ -3,6 +3,7 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -135,16 +136,26 @@ class JointProblem {
 
   /// JᵀJ over the tangent spaces of all poses, then the scales; rows of fixed poses are zero.
   Eigen::MatrixXd information() {
+    // Columns of the free blocks alone: where each begins among all unknowns.
     ceres::Problem::EvaluateOptions evaluate;
-    for (PoseParameters& pose : poses_) evaluate.parameter_blocks.push_back(pose.data());
-    for (double& scale : scales_) evaluate.parameter_blocks.push_back(&scale);
+    std::vector<long> unknown;
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      if (problem_.IsParameterBlockConstant(poses_[i].data())) continue;
+      evaluate.parameter_blocks.push_back(poses_[i].data());
+      for (long k = 0; k < 6; ++k) unknown.push_back(6 * static_cast<long>(i) + k);
+    }
+    for (std::size_t k = 0; k < scales_.size(); ++k) {
+      evaluate.parameter_blocks.push_back(&scales_[k]);
+      unknown.push_back(static_cast<long>(6 * poses_.size() + k));
+    }
     ceres::CRSMatrix crs;
     problem_.Evaluate(evaluate, nullptr, nullptr, nullptr, &crs);
     const auto n = static_cast<long>(6 * poses_.size() + scales_.size());
     Eigen::MatrixXd jacobian = Eigen::MatrixXd::Zero(crs.num_rows, n);
     for (int r = 0; r < crs.num_rows; ++r)
       for (int k = crs.rows[static_cast<std::size_t>(r)]; k < crs.rows[static_cast<std::size_t>(r) + 1]; ++k)
-        jacobian(r, crs.cols[static_cast<std::size_t>(k)]) = crs.values[static_cast<std::size_t>(k)];
+        jacobian(r, unknown[static_cast<std::size_t>(crs.cols[static_cast<std::size_t>(k)])]) =
+            crs.values[static_cast<std::size_t>(k)];
     return jacobian.transpose() * jacobian;
   }
 
@@ -160,13 +171,13 @@ class JointProblem {
   std::vector<double> scales_;
 };
 
-/// Scores with the noise that `noise` (by term) carries; empty: as if residuals were independent.
+/// Scores with these weights (by term); empty: as if residuals were independent.
 std::vector<TermScore> scores_at(const std::vector<SurfaceTerm>& terms, const ChainSolution& at,
-                                 const std::vector<Eigen::MatrixXd>& noise) {
+                                 const std::vector<double>& weights) {
   std::vector<TermScore> scores;
   for (std::size_t i = 0; i < terms.size(); ++i) {
     scores.push_back(score_of(terms[i], pose_of(terms[i], at.poses)));
-    if (!noise.empty()) scores.back().noise = noise[i];
+    if (!weights.empty()) scores.back().weight = weights[i];
   }
   return scores;
 }
@@ -179,12 +190,12 @@ double largest_move_mm(const SurfaceTerm& term, const Rigid3& before, const Rigi
   return largest;
 }
 
-Status settle(ChainProblem& problem, const std::vector<Eigen::MatrixXd>& noise, double still_mm,
+Status settle(ChainProblem& problem, const std::vector<double>& weights, double still_mm,
               ChainSolution& solution) {
   for (int round = 0; round < kRounds; ++round) {
     GNATHION_CHECK_OK(associate_all(problem.terms, solution));
     const std::vector<Rigid3> before = solution.poses;
-    JointProblem joint(problem, solution, scores_at(problem.terms, solution, noise));
+    JointProblem joint(problem, solution, scores_at(problem.terms, solution, weights));
     GNATHION_CHECK_OK(joint.solve(solution));
     double moved_mm = 0.0;
     for (const SurfaceTerm& term : problem.terms)
@@ -196,7 +207,7 @@ Status settle(ChainProblem& problem, const std::vector<Eigen::MatrixXd>& noise, 
 }
 
 /// Terms of one pool share what their residuals say about their noise.
-std::vector<Eigen::MatrixXd> noise_of(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>& poses) {
+void estimate_noises(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>& poses) {
   std::map<int, std::vector<FitResiduals>> pools;
   for (const SurfaceTerm& term : terms) pools[term.noise_pool].push_back({&term.pairs, pose_of(term, poses)});
   for (const auto& [pool, fits] : pools) {
@@ -204,9 +215,45 @@ std::vector<Eigen::MatrixXd> noise_of(std::vector<SurfaceTerm>& terms, const std
     for (SurfaceTerm& term : terms)
       if (term.noise_pool == pool) term.noise = noise;
   }
-  std::vector<Eigen::MatrixXd> out;
-  for (const SurfaceTerm& term : terms) out.push_back(score_noise(term, pose_of(term, poses)));
-  return out;
+}
+
+std::vector<double> weights_of(const std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>& poses) {
+  std::vector<double> weights;
+  for (const SurfaceTerm& term : terms) {
+    const Rigid3 x = pose_of(term, poses);
+    weights.push_back(score_weight(score_of(term, x), score_noise(term, x)));
+  }
+  return weights;
+}
+
+/// Σ λ²M over all unknowns: the covariance of the joint score.
+Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at,
+                            const std::vector<double>& weights) {
+  const auto pose_rows = static_cast<long>(6 * problem.poses.size());
+  const long n = pose_rows + static_cast<long>(problem.scale_sigmas.size());
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
+  for (std::size_t k = 0; k < problem.scale_sigmas.size(); ++k) {
+    const long row = pose_rows + static_cast<long>(k);
+    sum(row, row) += 1.0 / (problem.scale_sigmas[k] * problem.scale_sigmas[k]);
+  }
+  for (const KnownPose& known : problem.known) {
+    const long row = 6 * known.pose;
+    sum.block<6, 6>(row, row) += known.covariance.ldlt().solve(Matrix6::Identity());
+  }
+  for (std::size_t i = 0; i < problem.terms.size(); ++i) {
+    const SurfaceTerm& term = problem.terms[i];
+    const std::vector<int> scanners = scanners_of(term);
+    Eigen::MatrixXd map = Eigen::MatrixXd::Zero(6 + static_cast<long>(scanners.size()), n);
+    // X = A⁻¹B: exp(b) on B moves X by Ad_{A⁻¹}b, exp(a) on A by −Ad_{A⁻¹}a.
+    const Matrix6 by_right = term.left ? adjoint(at.poses[static_cast<std::size_t>(*term.left)].inverse())
+                                       : Matrix6(Matrix6::Identity());
+    map.block<6, 6>(0, 6 * term.right) = by_right;
+    if (term.left) map.block<6, 6>(0, 6 * *term.left) = -by_right;
+    for (std::size_t k = 0; k < scanners.size(); ++k)
+      map(6 + static_cast<long>(k), pose_rows + scanners[k]) = 1.0;
+    sum += weights[i] * weights[i] * map.transpose() * score_noise(term, pose_of(term, at.poses)) * map;
+  }
+  return sum;
 }
 
 /// Inverse of the information over all that is free; the rest is zero. Errors name the term whose pose has a
@@ -272,15 +319,17 @@ Result<ChainSolution> solve_poses(ChainProblem& problem) {
   solution.scales.assign(problem.scale_sigmas.size(), 0.0);
   GNATHION_CHECK_OK(settle(problem, {}, kNear_mm, solution));
   GNATHION_CHECK_OK(associate_all(problem.terms, solution));
-  const std::vector<Eigen::MatrixXd> noise = noise_of(problem.terms, solution.poses);
-  GNATHION_CHECK_OK(settle(problem, noise, kStill_mm, solution));
+  estimate_noises(problem.terms, solution.poses);
+  const std::vector<double> weights = weights_of(problem.terms, solution.poses);
+  GNATHION_CHECK_OK(settle(problem, weights, kStill_mm, solution));
 
   GNATHION_CHECK_OK(associate_all(problem.terms, solution));
   for (SurfaceTerm& term : problem.terms) describe(term, solution.poses);
-  JointProblem joint(problem, solution, scores_at(problem.terms, solution, noise));
-  GNATHION_TRY(const Eigen::MatrixXd covariance, inverse_of(joint.information(), problem));
+  JointProblem joint(problem, solution, scores_at(problem.terms, solution, weights));
+  GNATHION_TRY(const Eigen::MatrixXd bread, inverse_of(joint.information(), problem));
   const auto pose_rows = static_cast<long>(6 * problem.poses.size());
-  const Eigen::MatrixXd poses = covariance.topLeftCorner(pose_rows, pose_rows);
+  const Eigen::MatrixXd poses =
+      (bread * joint_noise(problem, solution, weights) * bread).topLeftCorner(pose_rows, pose_rows);
   solution.covariance = 0.5 * (poses + poses.transpose());
   return solution;
 }

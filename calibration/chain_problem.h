@@ -2,10 +2,13 @@
 // once.
 //
 // Residuals of a scan are correlated over centimetres, so that six thousand points tell far less than six
-// thousand numbers would, and how much less differs from surface to surface. Each registration therefore
-// enters by its score: H·ξ + g with Cov(g) = M, where H = Σ w J Jᵀ, g = Σ w J r over its points and M carries
-// the noise with its range (registration/residual_noise.h). Ceres minimises Σ ‖M^(−1/2)(H·ξ + g)‖² over all
-// poses and scales on SE(3); the inverse of that information matrix is the covariance.
+// thousand numbers would, and how much less differs from surface to surface. Each registration enters by its
+// score H·ξ + g, where H = Σ w J Jᵀ, g = Σ w J r over its points, and M = Cov(g) carries the noise with its
+// range (registration/residual_noise.h). Within a registration all points count alike; between registrations
+// each counts by λ = 6/tr(H⁻¹M), one over its mean noise. Ceres minimises Σ λ (H·ξ + g)ᵀ H⁻¹ (H·ξ + g) over
+// all poses and scales on SE(3). With B = (Σ λH)⁻¹ the covariance is B·(Σ λ²M)·B. (Weighing with M⁻¹ instead
+// promises more, but leans on how the noise of a scale and of a pose hang together, which no estimate of M
+// knows well enough.)
 #pragma once
 
 #include <array>

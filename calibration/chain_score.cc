@@ -11,8 +11,9 @@ namespace {
 
 using RowMatrix67 = Eigen::Matrix<double, 6, 7, Eigen::RowMajor>;
 
-/// How the residual changes with the scale of its source and of its surface. Both at the surface's point: with
-/// the source's own, their sum would hold the residual itself, which shrinking both could then explain away.
+/// How the residual changes with the scale of its source and of its surface. Both at the surface's point:
+/// with the source's own, their sum would hold the residual itself, which shrinking both could then explain
+/// away.
 double by_source_scale(const SurfaceTerm& term, const PlanePair& p, const Rigid3& x) {
   return -p.normal.dot(p.target_mm - x * term.scale_centre_mm);
 }
@@ -74,7 +75,7 @@ TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {
     s.information.noalias() += p.weight * j * j.transpose();
     s.score += p.weight * p.residual_mm(pose) * j;
   }
-  s.noise = term.scale_mm * term.scale_mm * s.information;
+  s.weight = 1.0 / (term.scale_mm * term.scale_mm);
   return s;
 }
 
@@ -82,9 +83,15 @@ Eigen::MatrixXd score_noise(const SurfaceTerm& term, const Rigid3& pose) {
   return score_covariance(term.pairs, rows_of(term, pose, scanners_of(term)), term.noise);
 }
 
+double score_weight(const TermScore& score, const Eigen::MatrixXd& noise) {
+  const Matrix6 whiten = whitening(score.information.topLeftCorner<6, 6>());
+  const double mean = (whiten * noise.topLeftCorner<6, 6>() * whiten.transpose()).trace() / 6.0;
+  return 1.0 / std::max(mean, 1e-12);
+}
+
 ScoreCost::ScoreCost(const TermScore& score, bool has_left)
     : at_(score.at), scales_at_(score.scales_at), has_left_(has_left) {
-  const Eigen::MatrixXd whiten = whitening(score.noise);
+  const Eigen::MatrixXd whiten = std::sqrt(score.weight) * whitening(score.information);
   slope_ = whiten * score.information;
   offset_ = whiten * score.score;
   set_num_residuals(static_cast<int>(offset_.size()));

@@ -7,25 +7,27 @@
 
 namespace gnathion {
 
-/// H·(ξ, δs) + g of a term at one pose, with the covariance of g. Unknowns: the left perturbation of the
-/// term's pose, then the scales of its scanners.
+/// H·(ξ, δs) + g of a term at one pose. Unknowns: the left perturbation of the term's pose, then the scales
+/// of its scanners.
 struct TermScore {
   Rigid3 at;
   std::vector<int> scanners;
   std::vector<double> scales_at;
   Eigen::MatrixXd information;  ///< H
   Eigen::VectorXd score;        ///< g
-  Eigen::MatrixXd noise;        ///< M = Cov(g), mm² and their multiples by levers
+  double weight = 1.0;          ///< λ, 1/mm²
 };
 
 /// The scanners whose scales a term depends on, each once.
 std::vector<int> scanners_of(const SurfaceTerm& term);
-/// H and g from the term's pairs and their weights; M as if residuals were independent with the term's scale.
+/// H and g from the term's pairs and their weights; λ as if residuals were independent with the term's scale.
 TermScore score_of(const SurfaceTerm& term, const Rigid3& pose);
-/// Cov(g) with the term's own noise model.
+/// M = Cov(g) with the term's own noise model.
 Eigen::MatrixXd score_noise(const SurfaceTerm& term, const Rigid3& pose);
+/// λ = 6/tr(H⁻¹M) over the pose.
+double score_weight(const TermScore& score, const Eigen::MatrixXd& noise);
 
-/// M^(−1/2)·(H·(ξ, δs) + g). Parameter blocks: poses[left] if any, poses[right], then the scales.
+/// √λ·H^(−1/2)·(H·(ξ, δs) + g). Parameter blocks: poses[left] if any, poses[right], then the scales.
 class ScoreCost final : public ceres::CostFunction {
  public:
   ScoreCost(const TermScore& score, bool has_left);
@@ -34,7 +36,7 @@ class ScoreCost final : public ceres::CostFunction {
  private:
   Rigid3 at_;
   std::vector<double> scales_at_;
-  Eigen::MatrixXd slope_;  // M^(−1/2)·H
+  Eigen::MatrixXd slope_;  // √λ·H^(1/2)
   Eigen::VectorXd offset_;
   bool has_left_;
 };

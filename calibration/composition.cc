@@ -7,6 +7,7 @@
 
 #include "calibration/chain_derived.h"
 #include "calibration/chain_problem.h"
+#include "calibration/displacement.h"
 #include "registration/align.h"
 
 namespace gnathion {
@@ -136,7 +137,6 @@ TherapeuticEstimate fuse_routes(const TherapeuticEstimate& a, const TherapeuticE
 
 std::vector<LandmarkDisplacement> displacement_bounds(const Uncertain<Motion<Dental>>& therapeutic,
                                                       const std::vector<Vector3>& landmarks_mm) {
-  constexpr double kChi2_3_95 = 7.814727903251179;  // 95 % quantile of χ² with 3 degrees of freedom
   std::vector<LandmarkDisplacement> out;
   for (const Vector3& p : landmarks_mm) {
     LandmarkDisplacement d;
@@ -145,8 +145,7 @@ std::vector<LandmarkDisplacement> displacement_bounds(const Uncertain<Motion<Den
     d.displacement_mm = moved - p;
     d.length_mm = d.displacement_mm.norm();
     d.covariance_mm2 = point_covariance(therapeutic.covariance, moved);
-    const Eigen::SelfAdjointEigenSolver<Matrix3> solver(d.covariance_mm2, Eigen::EigenvaluesOnly);
-    d.bound95_mm = std::sqrt(kChi2_3_95 * std::max(0.0, solver.eigenvalues()[2]));
+    d.bound95_mm = radius95_mm(d.covariance_mm2);
     out.push_back(d);
   }
   return out;
@@ -189,6 +188,7 @@ Result<TwoScanResult> therapeutic_from_scans(const TriangleMesh& maxilla_mi, con
   const Rigid3 &u = solution.poses[0], &l = solution.poses[1];
   result.dental_from_intraoral_tp = pose_of(upper, terms[0], u, solution.covariance.topLeftCorner<6, 6>());
   result.mandible = pose_of(lower, terms[1], l, solution.covariance.bottomRightCorner<6, 6>());
+  result.cross_covariance = solution.covariance.topRightCorner<6, 6>();
   Eigen::Matrix<double, 6, 12> jacobian;
   jacobian << Matrix6::Identity(), adjoint(u);
   result.therapeutic.value = Motion<Dental>(u * l);

@@ -57,7 +57,7 @@ struct LandmarkDisplacement {
   Vector3 displacement_mm;
   Matrix3 covariance_mm2;
   double length_mm = 0.0;
-  double bound95_mm = 0.0;  ///< radius that holds 95 % of the error (largest axis of the ellipsoid)
+  double bound95_mm = 0.0;  ///< radius95_mm of the covariance
 };
 std::vector<LandmarkDisplacement> displacement_bounds(const Uncertain<Motion<Dental>>& therapeutic,
                                                       const std::vector<Vector3>& landmarks_mm);
@@ -65,8 +65,9 @@ std::vector<LandmarkDisplacement> displacement_bounds(const Uncertain<Motion<Den
 /// T_th from two pairs of intraoral scans (appendix A.1): U1→U0, then L0→L_th.
 struct TwoScanResult {
   Uncertain<Motion<Dental>> therapeutic;
-  ChainPose dental_from_intraoral_tp;  ///< of the upper arches
-  ChainPose mandible;                  ///< intraoral_tp_from_dental by the lower arches
+  ChainPose dental_from_intraoral_tp;          ///< of the upper arches
+  ChainPose mandible;                          ///< intraoral_tp_from_dental by the lower arches
+  Matrix6 cross_covariance = Matrix6::Zero();  ///< of the two: the sessions' scales are common to both
 };
 /// Errors (kInput) name the arch whose registration is undetermined.
 Result<TwoScanResult> therapeutic_from_scans(const TriangleMesh& maxilla_mi, const TriangleMesh& mandible_mi,

@@ -1,4 +1,4 @@
-// calibrate chain, transform scans|motion.
+// calibrate chain, transform scans|motion|manual.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -7,6 +7,7 @@
 #include "acquisition/pose_recording.h"
 #include "cli/command.h"
 #include "core/mesh_io.h"
+#include "pipeline/displacement_steps.h"
 #include "pipeline/motion_steps.h"
 #include "pipeline/therapeutic_steps.h"
 
@@ -22,10 +23,20 @@ std::string pose_line(const char* name, const ChainPose& p) {
                      p.held_out_mm, p.condition, weak);
 }
 
+/// MI and TP as the tracker saw them, for the joint problem.
+Result<TrackedPositions> tracked_positions(const std::string& motion) {
+  GNATHION_TRY(const PoseRecording poses, read_poses(motion));
+  GNATHION_TRY(const SessionMotion session, to_session_motion(poses, motion));
+  GNATHION_TRY(const JawPositions positions, find_jaw_positions(session, {}));
+  if (!positions.closes())
+    return fail(ErrorCode::kGate, "MI does not close", motion, closure_text(positions));
+  return TrackedPositions{positions.head_from_bow_mi, positions.head_from_bow_tp};
+}
+
 void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
   struct Options {
     ChainFiles files;
-    std::string out;
+    std::string out, motion;
   };
   auto o = std::make_shared<Options>();
   CLI::App* command =
@@ -38,16 +49,22 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
   command->add_option("--face-tp", o->files.faces_tp, "face scan with the bow in TP; repeatable");
   command->add_option("--head-frame-model", o->files.head_frame_model,
                       "the head frame's CAD surface, worn in both face scans");
+  command->add_option("--motion", o->motion,
+                      "motion.mcap of 'gnathion track': MI and TP by the camera enter the same problem");
   command->add_option("--out", o->out, "chain.json")->required();
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        std::vector<std::string> inputs = {o->files.mandible_mi.string(), o->files.bow_model.string(),
-                                           o->files.head_frame_model.string()};
+        std::vector<std::string> inputs = {o->motion, o->files.mandible_mi.string(),
+                                           o->files.bow_model.string(), o->files.head_frame_model.string()};
         for (const auto* list : {&o->files.clutch_scans, &o->files.faces_mi, &o->files.faces_tp})
           for (const auto& path : *list) inputs.push_back(path.string());
         GNATHION_CHECK_OK(may_write(o->out, common, inputs));
         GNATHION_TRY(const ChainScans scans, read_chain_scans(o->files));
-        GNATHION_TRY(const Chain chain, solve_chain(scans, {}, progress));
+        ChainOptions options;
+        if (!o->motion.empty()) {
+          GNATHION_TRY(options.tracked, tracked_positions(o->motion));
+        }
+        GNATHION_TRY(const Chain chain, solve_chain(scans, options, progress));
         const json j = chain_json(chain);
         GNATHION_CHECK_OK(write_json(o->out, j));
         std::string text = pose_line("bow_from_dental", chain.bow_from_dental);
@@ -146,12 +163,98 @@ void add_transform_motion(CLI::App& transform, ChosenCommand& chosen) {
         GNATHION_TRY(const CameraRoute route, camera_route(session, chain.bow_from_dental, plateaus));
         if (!route.positions.closes() && !o->accept_slip)
           return fail(ErrorCode::kGate, "MI does not close", o->motion,
-                      closure_text(route.positions) + "; --accept-slip goes on");
+                      closure_text(route) + "; --accept-slip goes on");
         const json j = motion_json(route.estimate.therapeutic.value, route.estimate.therapeutic.covariance,
                                    camera_route_source(route));
         GNATHION_CHECK_OK(write_json(o->out, j));
         return CommandOutput{motion_text(route.estimate.therapeutic.value),
                              j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
+      });
+}
+
+/// The motion that was typed in: 16 numbers, or a turn about an axis and then a shift.
+struct TypedMotion {
+  std::vector<double> matrix, translate_mm, axis, about_mm;
+  std::optional<double> rotate_deg;
+  std::string file;
+
+  Result<MotionFile> read() const {
+    const auto usage = [](const std::string& why) {
+      return fail(ErrorCode::kUsage, "wrong usage", "transform manual", why);
+    };
+    const bool turned = rotate_deg.has_value(), shifted = !translate_mm.empty();
+    if ((file.empty() ? 0 : 1) + (matrix.empty() ? 0 : 1) + (turned || shifted ? 1 : 0) != 1)
+      return usage("give one of --file, --matrix, or --translate-mm and --rotate-deg");
+    if (!file.empty()) return read_motion(file);
+    if (!matrix.empty()) {
+      std::string text;
+      for (const double v : matrix) text += fmt::format("{:.17g} ", v);
+      return parse_motion(text, "--matrix");
+    }
+    Rigid3 motion;
+    if (turned) {
+      if (axis.empty()) return usage("--rotate-deg needs --axis");
+      const Vector3 direction(axis[0], axis[1], axis[2]);
+      if (!(direction.norm() > 1e-9)) return usage("--axis has no direction");
+      const Vector3 point =
+          about_mm.empty() ? Vector3::Zero() : Vector3(about_mm[0], about_mm[1], about_mm[2]);
+      motion = Rigid3::about_axis(point, direction, *rotate_deg * M_PI / 180);
+    } else if (!axis.empty() || !about_mm.empty()) {
+      return usage("--axis and --about belong to --rotate-deg");
+    }
+    if (shifted)
+      motion = Rigid3::from_translation({translate_mm[0], translate_mm[1], translate_mm[2]}) * motion;
+    if (!motion.matrix().allFinite()) return usage("a number is not finite");
+    return MotionFile{Motion<Dental>(motion), std::nullopt, "typed"};
+  }
+};
+
+void add_transform_manual(CLI::App& transform, ChosenCommand& chosen) {
+  struct Options {
+    TypedMotion typed;
+    std::string maxilla, mandible, out;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command = transform.add_subcommand(
+      "manual",
+      "T_th typed in, or read from JSON, text or ITK .tfm; its error stays unknown where not given");
+  command->add_option("--translate-mm", o->typed.translate_mm, "x y z, after the turn")->expected(3);
+  command->add_option("--rotate-deg", o->typed.rotate_deg, "turn about --axis through --about, right-handed");
+  command->add_option("--axis", o->typed.axis, "x y z, direction of the axis")->expected(3);
+  command->add_option("--about", o->typed.about_mm, "x y z in mm, a point of the axis; else the origin")
+      ->expected(3);
+  command->add_option("--matrix", o->typed.matrix, "16 numbers, row by row")->expected(16);
+  command->add_option("--file", o->typed.file, "JSON, 16 numbers, or ITK .tfm (its inverse is taken)");
+  CLI::Option* maxilla =
+      command->add_option("--maxilla", o->maxilla, "upper arch: tells what the motion does");
+  CLI::Option* mandible = command->add_option("--mandible", o->mandible, "lower arch in MI, same frame");
+  maxilla->needs(mandible);
+  mandible->needs(maxilla);
+  command->add_option("--out", o->out, "T_th.json")->required();
+  finish_command(
+      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+        GNATHION_CHECK_OK(may_write(o->out, common, {o->typed.file, o->maxilla, o->mandible}));
+        progress.begin_step("checking the transformation", 1.0);
+        GNATHION_TRY(const MotionFile given, o->typed.read());
+        json source = {{"route", "manual"}, {"kind", given.kind}};
+        if (!o->typed.file.empty()) source["file"] = o->typed.file;
+        std::string text = motion_text(given.motion);
+        if (!given.covariance) {
+          source["notes"] = {"the error of this transformation is unknown"};
+          text += "its error is unknown: covariance null\n";
+        }
+        if (!o->maxilla.empty()) {
+          GNATHION_TRY(const TriangleMesh upper, read_jaw(o->maxilla));
+          GNATHION_TRY(const TriangleMesh lower, read_jaw(o->mandible));
+          GNATHION_TRY(const MandibleLandmarks landmarks, mandible_landmarks(upper, lower));
+          source["displacement"] = displacement_json(given.motion, given.covariance, landmarks);
+          source["warnings"] = oddities_of(given.motion, landmarks);
+          text += displacement_text(given.motion, given.covariance, landmarks);
+          for (const std::string& w : oddities_of(given.motion, landmarks)) text += "warning: " + w + "\n";
+        }
+        const json j = motion_json(given.motion, given.covariance, source);
+        GNATHION_CHECK_OK(write_json(o->out, j));
+        return CommandOutput{text, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};
       });
 }
 
@@ -168,6 +271,7 @@ void add_transform_commands(CLI::App& app, ChosenCommand& chosen) {
   transform->require_subcommand(1);
   add_transform_scans(*transform, chosen);
   add_transform_motion(*transform, chosen);
+  add_transform_manual(*transform, chosen);
 }
 
 }  // namespace gnathion

@@ -59,7 +59,7 @@ Result<CaseFile> read_case(const std::filesystem::path& folder) {
       {"truth", {{"poses", &c.truth}}}};
   for (const auto& [key, node] : t) {
     const std::string name(key.str());
-    if (name == "case" || name == "design") continue;
+    if (name == "case" || name == "design" || name == "frame") continue;
     const auto section = sections.find(name);
     if (section == sections.end() || !node.is_table())
       return bad_input(kWhat, c.toml().string(), fmt::format("unknown section '{}'", name));

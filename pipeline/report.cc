@@ -6,6 +6,7 @@
 
 #include "core/file.h"
 #include "core/xml.h"
+#include "pipeline/displacement_steps.h"
 #include "pipeline/run_case.h"
 #include "pipeline/version.h"
 
@@ -49,7 +50,9 @@ std::string motion_section(const CaseResults& r) {
   for (std::size_t i = 0; i < r.landmarks.size(); ++i)
     text += row({r.landmark_names[i], fmt::format("{:.3f}", r.landmarks[i].length_mm),
                  fmt::format("{:.3f}", r.landmarks[i].bound95_mm)});
-  return text + "</table>";
+  text += "</table><p>As a screw the mandible " + screw_text(r.screw, true) + ".</p>";
+  for (const std::string& note : r.frame_notes) text += "<p class=fail>" + xml_escaped(note) + "</p>";
+  return text;
 }
 
 std::string recording_section(const CaseResults& r) {
@@ -145,6 +148,7 @@ Result<std::string> pictures_section(const fs::path& folder) {
       {"section_molar.png", "Cross-section at the left first molar."},
       {"section_premolar.png", "Cross-section at the left first premolar."},
       {"section_incisor.png", "Cross-section at the left central incisor."},
+      {"error_map.png", "How sure the mandible's place in TP is: 95 % bound, seen from the occlusal side."},
       {"jaw_path.png", "Path of the lower incisal point."},
       {"jaw_motion.png", "The same over time."}};
   std::string text = "<h2>Pictures</h2><div class=pictures>\n";

@@ -5,8 +5,11 @@
 #include <nlohmann/json.hpp>
 
 #include "acquisition/pose_recording.h"
+#include "calibration/frames_graph_json.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
+#include "pipeline/displacement_steps.h"
+#include "pipeline/frames_steps.h"
 #include "pipeline/nested_progress.h"
 #include "pipeline/pictures.h"
 #include "pipeline/report.h"
@@ -46,21 +49,27 @@ Status solve_chain_of(const CaseFile& files, const fs::path& out, CaseResults& r
   return write_json(out / "chain.json", chain_json(r.chain));
 }
 
-/// Points of the mandible in MI where errors are told; condyles by Bonwill's triangle, as the check has them.
-Status landmarks_of(const CaseFile& files, CaseResults& r) {
+/// Displacements with their bounds, the screw axis, the error map.
+Status tell_displacement(const CaseFile& files, const fs::path& out, CaseResults& r) {
   GNATHION_TRY(const TriangleMesh maxilla, read_jaw(files.maxilla_mi));
   GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
-  GNATHION_TRY(const ArchFrame arch, find_arch(maxilla, mandible));
-  const RealizabilityLimits bonwill;
-  const Vector3 behind =
-      arch.incisal_mm - bonwill.condyle_behind_mm * arch.anterior + bonwill.condyle_above_mm * arch.up;
-  r.landmark_names = {"incisal point", "left end of the arch", "right end of the arch",
-                      "left condyle (estimated)", "right condyle (estimated)"};
-  r.landmarks = displacement_bounds(r.therapeutic.therapeutic,
-                                    {arch.incisal_mm, arch.curve_mm.back(), arch.curve_mm.front(),
-                                     behind + bonwill.condyle_half_distance_mm * arch.left,
-                                     behind - bonwill.condyle_half_distance_mm * arch.left});
-  return {};
+  GNATHION_TRY(const MandibleLandmarks points, mandible_landmarks(maxilla, mandible));
+  const Uncertain<Motion<Dental>>& th = r.therapeutic.therapeutic;
+  r.landmark_names = points.names;
+  r.landmarks = displacement_bounds(th, points.points_mm);
+  r.screw = screw_axis(th, points.arch_centroid_mm);
+  GNATHION_CHECK_OK(
+      write_json(out / "displacement.json", displacement_json(th.value, th.covariance, points)));
+  return write_error_map(th, mandible, points.arch, out);
+}
+
+/// All registrations of the case in one graph, its loops checked.
+Status write_frames(const CaseFile& files, const fs::path& out, CaseResults& r) {
+  GNATHION_TRY(const FramesGraph graph, frames_of_run(files, r, r.frame_notes));
+  for (const FrameSuspect& s : graph.suspects(graph.loops()))
+    r.frame_notes.push_back(
+        fmt::format("{}inconsistent: {}", s.certain ? "" : "perhaps ", graph.edges()[s.edge].name()));
+  return write_json(out / "frames.json", frames_json(graph));
 }
 
 json estimate_json(const TherapeuticEstimate& e, const json& source) {
@@ -73,7 +82,7 @@ Status find_therapeutic(const CaseFile& files, const RunOptions& options, const 
   GNATHION_TRY(r.camera, camera_route(r.session, r.chain.bow_from_dental, {}));
   if (!r.camera.positions.closes() && !options.accept_slip)
     return fail(ErrorCode::kGate, "MI does not close", files.recording.string(),
-                closure_text(r.camera.positions) + "; --accept-slip goes on");
+                closure_text(r.camera) + "; --accept-slip goes on");
   GNATHION_CHECK_OK(
       write_json(out / "T_th_camera.json", estimate_json(r.camera.estimate, camera_route_source(r.camera))));
   r.therapeutic = r.camera.estimate;
@@ -128,7 +137,8 @@ Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, P
   GNATHION_CHECK_OK(solve_chain_of(files, out, r, progress));
   progress.begin_step("T_th by both routes", 0.05);
   GNATHION_CHECK_OK(find_therapeutic(files, options, out, r));
-  GNATHION_CHECK_OK(landmarks_of(files, r));
+  GNATHION_CHECK_OK(tell_displacement(files, out, r));
+  GNATHION_CHECK_OK(write_frames(files, out, r));
   GNATHION_CHECK_OK(write_jaw_motion(out, r));
   GNATHION_CHECK_OK(design_of(files, options, out, r, progress));
   progress.begin_step("drawing the report", 0.10);

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "calibration/displacement.h"
 #include "core/progress.h"
 #include "core/result.h"
 #include "pipeline/case_file.h"
@@ -23,6 +24,8 @@ struct CaseResults {
   TherapeuticEstimate therapeutic;              ///< fused, or of the one route there is
   std::vector<LandmarkDisplacement> landmarks;  ///< incisal point, molars, estimated condyles
   std::vector<std::string> landmark_names;
+  ScrewAxis screw;
+  std::vector<std::string> frame_notes;  ///< what the graph of frames found odd, one line each
   JawMotion jaw_motion;
   DesignOutcome design;
 };
@@ -35,8 +38,8 @@ struct RunOptions {
 
 /// Steps: replay and track, average MI and TP, solve the chain, T_th by both routes, compare and fuse, check,
 /// design, draw. Writes CASE/results: motion.mcap, motion.csv, chain.json, T_th_camera.json, T_th_faces.json,
-/// T_th.json, feasibility.json, design.json, splint.stl, splint.3mf, pictures/. A T_th that cannot be
-/// realized is a value (CaseResults::design), not an error.
+/// T_th.json, displacement.json, error_map.ply, frames.json, feasibility.json, design.json, splint.stl,
+/// splint.3mf, pictures/. A T_th that cannot be realized is a value (CaseResults::design), not an error.
 Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, Progress& progress);
 
 }  // namespace gnathion
