@@ -218,7 +218,8 @@ json motion_analysis_json(const MotionAnalysis& m) {
                              {"start_s", s.start_s},
                              {"turn_s", s.turn_s},
                              {"end_s", s.end_s},
-                             {"source", s.source}});
+                             {"source", s.source},
+                             {"cut_by_gap", s.cut}});
   for (const JawNumber& n : a.numbers) j["numbers"].push_back(number_json(n));
   for (const ChewingCycle& c : a.cycles)
     j["chewing"].push_back({{"start_s", c.start_s},

@@ -74,14 +74,18 @@ std::pair<Point2, Point2> window_of(const std::vector<ProfileCurve>& curves, dou
 Page panel(const std::vector<ProfileCurve>& curves, const std::string& x, const std::string& y,
            const std::string& title, const std::string& note, double least = 2) {
   auto [centre, half] = window_of(curves, least);
-  half.y() = std::clamp(half.y(), 0.5 * half.x(), 2.2 * half.x());
-  half.x() = std::max(half.x(), half.y() / 2.2);
+  half.y() = std::max(half.y(), 0.5 * half.x());
+  half.x() = std::max(half.x(), half.y() / 1.8);
   return std::make_shared<Drawing>(profile_chart(curves, centre, half, x, y, title, note));
 }
 
 /// Panels side by side under a title, in rows of `columns`.
-Page sheet(const std::vector<Page>& panels, std::size_t columns, const std::string& title) {
-  constexpr double kGap = 14, kHead = 24;
+Page sheet(const std::vector<Page>& panels, std::size_t columns, const std::string& title,
+           const std::string& note = {}) {
+  constexpr double kGap = 14, kNoteWidth = 560, kNoteSize = 8;
+  const std::vector<std::string> notes =
+      note.empty() ? std::vector<std::string>() : text_wrapped(note, kNoteWidth, kNoteSize);
+  const double kHead = 24 + 11 * static_cast<double>(notes.size());
   double width = 0, height = kHead;
   for (std::size_t i = 0; i < panels.size(); i += columns) {
     double row_width = 0, row_height = 0;
@@ -98,6 +102,10 @@ Page sheet(const std::vector<Page>& panels, std::size_t columns, const std::stri
   head.size_pt = 11;
   head.bold = true;
   d->text({4, 15}, title, head);
+  TextStyle small;
+  small.size_pt = kNoteSize;
+  for (std::size_t i = 0; i < notes.size(); ++i)
+    d->text({4, 28 + 11 * static_cast<double>(i)}, notes[i], small);
   double y = kHead;
   for (std::size_t i = 0; i < panels.size(); i += columns) {
     double x = 4, tallest = 0;
@@ -125,7 +133,7 @@ std::string told(const JawAnalysis& a, const std::string& name, const std::strin
                  const std::string& label) {
   const JawNumber* n = a.find(name, side);
   if (n == nullptr || !n->determined) return label + " not determined";
-  return fmt::format("{} {:.1f} ± {:.1f} {}", label, n->value, n->sigma, n->unit);
+  return fmt::format("{} {:.2f} ± {:.2f} {}", label, n->value, n->sigma, n->unit);
 }
 
 Page incisal_sheet(const MotionAnalysis& m) {
@@ -224,12 +232,12 @@ Page hinge_sheet(const MotionAnalysis& m) {
     const std::string note =
         a.hinge ? fmt::format("{:.1f} ± {:.1f} mm behind, {:.1f} ± {:.1f} mm above the incisal point",
                               behind->value, behind->sigma, above->value, above->sigma)
-                : "not determined: " + a.hinge_reason;
+                : "not determined";
     panels.push_back(panel(curves, side_view ? "forward [mm]" : "patient's right [mm]",
                            side_view ? "up [mm]" : "forward [mm]",
                            side_view ? "Seen from the right" : "Seen from above", note, 30));
   }
-  return sheet(panels, 2, "Terminal hinge axis");
+  return sheet(panels, 2, "Terminal hinge axis", a.hinge ? "" : "Not determined: " + a.hinge_reason + ".");
 }
 
 Page chewing_sheet(const MotionAnalysis& m) {

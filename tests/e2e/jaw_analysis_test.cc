@@ -330,6 +330,33 @@ TEST(JawAnalysis, WhatARecordingDoesNotHoldIsNotDetermined) {
   EXPECT_THAT(free->hinge_reason, HasSubstr("migrates"));
 }
 
+TEST(JawAnalysis, WhatAGapHidesIsNotDetermined) {
+  const Patient p = patient_of(56);
+  const Truth t{p};
+  const auto without = [&](double from_s, double to_s) {
+    JawRecording a = between(p.recording, -1, from_s), b = between(p.recording, to_s, 1e9);
+    a.time_s.insert(a.time_s.end(), b.time_s.begin(), b.time_s.end());
+    a.head_from_bow.insert(a.head_from_bow.end(), b.head_from_bow.begin(), b.head_from_bow.end());
+    a.covariance.insert(a.covariance.end(), b.covariance.begin(), b.covariance.end());
+    return a;
+  };
+  // The start of the protrusion up to where the condyles have gone 3 to 5 mm.
+  const auto [start, end] = t.phase(JawPhaseKind::kProtrusion);
+  double at_4mm = start;
+  while (t.at(p.geometry.condyle_left_mm, at_4mm).norm() < 4) at_4mm += 1e-3;
+  auto a = analyse_jaw_motion(without(start - 0.1, at_4mm), p.landmarks, {});
+  ASSERT_TRUE(a.has_value()) << a.error().line();
+  EXPECT_FALSE(a->find("sagittal_condylar_inclination_3mm", "left")->determined);
+  EXPECT_THAT(a->find("sagittal_condylar_inclination_3mm", "left")->reason, HasSubstr("gap"));
+  const JawNumber* beyond = a->find("sagittal_condylar_inclination_5mm", "left");
+  ASSERT_TRUE(beyond->determined) << beyond->reason;
+  EXPECT_NEAR(beyond->value, t.inclination(p.geometry.condyle_left_mm, 5), 5 * beyond->sigma);
+  // Its farthest point.
+  a = analyse_jaw_motion(without(0.5 * (start + end) - 0.2, 0.5 * (start + end) + 0.2), p.landmarks, {});
+  ASSERT_TRUE(a.has_value()) << a.error().line();
+  EXPECT_FALSE(a->find("protrusion")->determined);
+}
+
 TEST(JawAnalysis, BadInputIsRefusedWithTheReason) {
   const Patient p = patient_of(54);
   const auto why = [](const JawRecording& r, const JawLandmarks& l) {

@@ -19,8 +19,11 @@ std::optional<double> crossing(const JawScene& scene, const Vector3& point_mm, c
   double before = 0, before_s = 0;
   for (std::size_t i = first; i <= last; ++i) {
     const double t = (*scene.time_s)[i], now = length(scene.displacement_at(point_mm, t));
-    if (now >= chord_mm && i > first)
+    if (now >= chord_mm) {
+      // Already there at the first row, or within a gap: where it was reached has not been seen.
+      if (i == first || t - before_s > scene.gap_s) return std::nullopt;
       return before_s + (t - before_s) * std::clamp((chord_mm - before) / (now - before), 0.0, 1.0);
+    }
     before = now;
     before_s = t;
   }
@@ -35,16 +38,18 @@ struct Line {
 std::optional<Line> side_shift_line(const JawScene& scene, const Vector3& condyle_mm, const Vector3& medial,
                                     const JawSegment& s, double from_mm, double to_mm) {
   const auto [first, last] = scene.rows(s.start_s, s.turn_s);
-  double n = 0, x = 0, y = 0, xx = 0, xy = 0;
+  double n = 0, x = 0, y = 0, xx = 0, xy = 0, nearest = to_mm, farthest = from_mm;
   for (std::size_t i = first; i <= last; ++i) {
     const Vector3 d = scene.displacement_at(condyle_mm, (*scene.time_s)[i]);
     const double forward = scene.landmarks.plane.forward(d), inward = d.dot(medial);
     if (forward < from_mm || forward > to_mm) continue;
+    nearest = std::min(nearest, forward);
+    farthest = std::max(farthest, forward);
     n += 1;
     x += forward, y += inward, xx += forward * forward, xy += forward * inward;
   }
   const double spread = n * xx - x * x;
-  if (n < 4 || spread < 1e-6 * n * n) return std::nullopt;
+  if (n < 4 || farthest - nearest < 0.5 * (to_mm - from_mm)) return std::nullopt;
   Line line;
   line.slope = (n * xy - x * y) / spread;
   line.intercept = (y - line.slope * x) / n;
@@ -88,7 +93,7 @@ JawNumber inclination(const JawScene& scene, const JawSegment* s, const std::opt
       const Vector3 d = scene.displacement_at(*point_mm, *at);
       set(std::atan2(plane.downward(d), plane.forward(d)) / kDegree, s->start_s, *at, scene, &n);
     } else {
-      n.reason = fmt::format("the protrusion does not reach {:g} mm here", chord_mm);
+      n.reason = fmt::format("the protrusion does not reach {:g} mm here, or a gap hides where", chord_mm);
     }
   }
   return n;
@@ -119,7 +124,7 @@ void add_balancing(const JawScene& scene, const std::vector<JawSegment>& segment
         const Vector3 d = scene.displacement_at(*condyle, *at);
         set(std::atan2(d.dot(medial), plane.forward(d)) / kDegree, s->start_s, *at, scene, &n);
       } else {
-        n.reason = fmt::format("the balancing condyle does not travel {:g} mm", chord);
+        n.reason = fmt::format("the balancing condyle does not travel {:g} mm, or a gap hides where", chord);
       }
     } else {
       reason(&n);
@@ -138,7 +143,8 @@ void add_balancing(const JawScene& scene, const std::vector<JawSegment>& segment
       set(line->intercept, s->start_s, s->turn_s, scene, &immediate);
       set(std::atan(line->slope) / kDegree, s->start_s, s->turn_s, scene, &progressive);
     } else {
-      immediate.reason = progressive.reason = "fewer than 4 rows between 2 and 5 mm of advance";
+      immediate.reason = progressive.reason =
+          "fewer than 4 rows, or less than half the way, between 2 and 5 mm of advance";
     }
   } else {
     reason(&immediate);
@@ -174,11 +180,13 @@ void add_condyle_numbers(const JawScene& scene, const std::vector<JawSegment>& s
     JawNumber travel = condyle_number("condylar_translation_opening", side, "mm",
                                       "distance of the condyle from MI at the largest opening");
     const JawSegment* opening = largest_of(scene, segments, JawMovement::kOpening);
-    if (condyle && opening != nullptr) {
+    if (condyle && opening != nullptr && scene.seen_at(opening->turn_s)) {
       set(scene.displacement_at(*condyle, opening->turn_s).norm(), opening->start_s, opening->turn_s, scene,
           &travel);
     } else {
-      travel.reason = !condyle ? kNoCondyles : "no opening movement in the recording";
+      travel.reason = !condyle             ? kNoCondyles
+                      : opening == nullptr ? "no opening movement in the recording"
+                                           : "a gap in the recording hides the turning point";
     }
     out->push_back(std::move(travel));
   }

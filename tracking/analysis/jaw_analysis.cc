@@ -34,16 +34,17 @@ double median(std::vector<double> v) {
   return *middle;
 }
 
+double median_step(const JawRecording& r) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < r.time_s.size(); ++i) steps.push_back(r.time_s[i] - r.time_s[i - 1]);
+  return median(steps);
+}
+
 /// How much more the rows scatter than their covariances say, at the incisal point. Fourth differences leave
 /// the movement out: their variance is 70 times that of one row.
 double scatter_ratio(const JawRecording& r, const Vector3& point_in_bow_mm) {
   std::vector<double> seen[3], stated;
-  double step = 0;
-  {
-    std::vector<double> steps;
-    for (std::size_t i = 1; i < r.time_s.size(); ++i) steps.push_back(r.time_s[i] - r.time_s[i - 1]);
-    step = median(steps);
-  }
+  const double step = median_step(r);
   for (std::size_t i = 4; i < r.time_s.size(); ++i) {
     if (std::abs(r.time_s[i] - r.time_s[i - 4] - 4 * step) > 0.4 * step) continue;
     const auto p = [&](std::size_t back) -> Vector3 { return r.head_from_bow[i - back] * point_in_bow_mm; };
@@ -327,6 +328,7 @@ Result<JawAnalysis> analyse_jaw_motion(const JawRecording& recording, const JawL
   scene.mandible = recording.mandible();
   scene.landmarks = landmarks;
   scene.half_window_s = options.half_window_s;
+  scene.gap_s = std::max(0.06, 3.5 * median_step(recording));  // three lost frames in a row are bridged
   GNATHION_CHECK_OK(check_motion(scene));
   const std::vector<Matrix6> rows = honest_covariances(recording, landmarks.incisal_mm, &analysis);
   const std::vector<Matrix6> covariance = in_dental(recording, rows);

@@ -33,6 +33,8 @@ void determined(double value, JawNumber* n) {
   if (!n->determined) n->reason = "not a finite number";
 }
 
+constexpr const char* kHidden = "a gap in the recording hides the turning point";
+
 void add_opening(const JawScene& scene, const std::vector<JawSegment>& segments,
                  std::vector<JawNumber>* out) {
   const Vector3& incisal = scene.landmarks.incisal_mm;
@@ -55,6 +57,10 @@ void add_opening(const JawScene& scene, const std::vector<JawSegment>& segments,
         peak_of(scene, incisal, s->start_s, s->end_s, [](const Vector3& d) { return d.norm(); });
     const Vector3 top = scene.displacement_at(incisal, peak.time_s);
     for (JawNumber& x : n) on_arc(scene, s->start_s, s->end_s, &x);
+    if (!scene.seen_at(peak.time_s)) {
+      for (JawNumber& x : n) x.reason = kHidden, out->push_back(x);
+      return;
+    }
     determined(peak.value, &n[0]);
     determined(scene.opening_rad_at(peak.time_s) / kDegree, &n[1]);
     determined(plane.leftward(top), &n[2]);
@@ -75,10 +81,13 @@ void add_reach(const JawScene& scene, const std::vector<JawSegment>& segments, J
                const Vector3& direction, JawNumber n, std::vector<JawNumber>* out) {
   if (const JawSegment* s = largest_of(scene, segments, movement)) {
     on_arc(scene, s->start_s, s->end_s, &n);
-    determined(peak_of(scene, scene.landmarks.incisal_mm, s->start_s, s->end_s,
-                       [&](const Vector3& d) { return d.dot(direction); })
-                   .value,
-               &n);
+    const Peak peak = peak_of(scene, scene.landmarks.incisal_mm, s->start_s, s->end_s,
+                              [&](const Vector3& d) { return d.dot(direction); });
+    if (scene.seen_at(peak.time_s)) {
+      determined(peak.value, &n);
+    } else {
+      n.reason = kHidden;
+    }
   } else {
     n.reason = fmt::format("no {} in the recording", name_of(movement));
   }
@@ -204,7 +213,7 @@ std::vector<ChewingCycle> chewing_cycles(const JawScene& scene, const std::vecto
   const Vector3& incisal = scene.landmarks.incisal_mm;
   std::vector<ChewingCycle> cycles;
   for (const JawSegment& s : segments) {
-    if (s.movement != JawMovement::kChewing) continue;
+    if (s.movement != JawMovement::kChewing || s.cut) continue;
     ChewingCycle c;
     c.start_s = s.start_s;
     c.end_s = s.end_s;

@@ -15,6 +15,12 @@ std::pair<std::size_t, std::size_t> JawScene::rows(double start_s, double end_s)
   return {static_cast<std::size_t>(i), static_cast<std::size_t>(std::max(last - t.begin() - 1, i))};
 }
 
+bool JawScene::seen_at(double time) const {
+  const auto& t = *time_s;
+  const auto after = std::upper_bound(t.begin(), t.end(), time);
+  return after != t.begin() && after != t.end() && *after - *(after - 1) <= gap_s;
+}
+
 namespace {
 
 /// Value at a time of what `at_row` gives at rows, by least squares of a quadratic over ±half_window_s.

@@ -15,6 +15,10 @@ struct JawScene {
   std::vector<Rigid3> mandible;  ///< one for each time
   JawLandmarks landmarks;        ///< condyles filled in where they are known
   double half_window_s = 0.05;
+  double gap_s = 0.06;  ///< a longer step between rows hides what was in it
+
+  /// Rows close before and after a time: what is read there was seen, not bridged.
+  bool seen_at(double time_s) const;
 
   bool has_condyles() const { return landmarks.condyle_left_mm.has_value(); }
   /// Row range [first, last] inside [start, end].

@@ -142,7 +142,7 @@ std::vector<JawSegment> from_given(const std::vector<double>& time_s, const std:
     std::vector<Piece> pieces = {whole};
     if (given.movement == JawMovement::kChewing) pieces = cut_at_closings(whole, look);
     for (const Piece& p : pieces) {
-      JawSegment s{given.movement, time_s[p.first], time_s[p.last], time_s[turn_of(p, look)], "given"};
+      JawSegment s{given.movement, time_s[p.first], time_s[p.last], time_s[turn_of(p, look)], "given", false};
       if (given.movement != JawMovement::kChewing || largest_opening(p, look) >= 2 * kDegree)
         segments.push_back(s);
     }
@@ -197,6 +197,11 @@ std::vector<JawSegment> find_segments(const std::vector<double>& time_s, const s
     s.start_s = time_s[p.first];
     s.end_s = time_s[p.last];
     s.turn_s = time_s[turn_of(p, look)];
+    const auto gap_after = [&](std::size_t row) {
+      return row + 1 >= time_s.size() || time_s[row + 1] - time_s[row] > options.gap_s;
+    };
+    s.cut = (look[p.first].away_mm > options.at_mi_mm && (p.first == 0 || gap_after(p.first - 1))) ||
+            (look[p.last].away_mm > options.at_mi_mm && gap_after(p.last));
     if (is_given(s.movement)) continue;
     const bool overlaps =
         std::any_of(segments.begin(), segments.begin() + static_cast<std::ptrdiff_t>(given),

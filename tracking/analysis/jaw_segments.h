@@ -18,6 +18,7 @@ struct JawSegment {
   double start_s = 0, end_s = 0;
   double turn_s = 0;             ///< farthest from MI
   std::string source = "found";  ///< or "given"
+  bool cut = false;              ///< begins or ends in a gap of the recording, away from MI
 };
 
 struct SegmentOptions {
