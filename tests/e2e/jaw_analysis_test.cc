@@ -211,6 +211,12 @@ TEST(JawAnalysis, IsTrueOnFreshSeedsAndItsErrorsAreWhatItSays) {
     const Patient p = patient_of(9000 + static_cast<std::uint64_t>(i));
     const auto analysis = analyse_jaw_motion(p.recording, p.landmarks, options);
     ASSERT_TRUE(analysis.has_value()) << analysis.error().line();
+    const Truth t{p};
+    const auto chewing = t.phase(JawPhaseKind::kChewing);
+    const double closing =
+        t.at(Vector3::Zero(), chewing.first + 0.75 * (chewing.second - chewing.first) / 3).x();
+    EXPECT_EQ(analysis->chewing_side, closing > 0 ? "left" : "right") << i;
+    EXPECT_EQ(analysis->opening_pattern, "straight") << i;
     for (const auto& [key, truth] : truth_of(p)) {
       const auto n = std::find_if(analysis->numbers.begin(), analysis->numbers.end(),
                                   [&](const JawNumber& x) { return key_of(x) == key; });
