@@ -25,6 +25,7 @@ constexpr Field kFields[] = {
     {"engagement_mm", &BowParameters::engagement_mm, 0.0, 0.2},
     {"rim_below_edge_mm", &BowParameters::rim_below_edge_mm, 0.2, 4.0},
     {"gingiva_distance_mm", &BowParameters::gingiva_distance_mm, 0.0, 3.0},
+    {"flange_mm", &BowParameters::flange_mm, 0.0, 5.0},
     {"maxilla_clearance_mm", &BowParameters::maxilla_clearance_mm, 0.5, 3.0},
     {"stem_width_mm", &BowParameters::stem_width_mm, 6.0, 20.0},
     {"stem_height_mm", &BowParameters::stem_height_mm, 3.0, 10.0},

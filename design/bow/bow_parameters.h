@@ -17,6 +17,7 @@ struct BowParameters {
   double engagement_mm = 0.05;        ///< net interference that insertion from the labial side may meet
   double rim_below_edge_mm = 0.8;     ///< the clutch ends this far below the lower incisal edges
   double gingiva_distance_mm = 0.5;   ///< and this far above the gingival margin
+  double flange_mm = 2.5;             ///< below that, off the gingiva by 1 mm: it stiffens the clutch
   double maxilla_clearance_mm = 0.7;  ///< built with this; the gate asks for 0.5
   double stem_width_mm = 11.0, stem_height_mm = 4.8;
   double carrier_distance_mm = 50.0;     ///< of the tags' middle before the lower incisors

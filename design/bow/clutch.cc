@@ -263,9 +263,11 @@ void Clutch::limit(const ArchRuler& ruler) {
       return;
     }
     const double s = nodes[n].s, z = nodes[n].z;
-    limits_.values()[n] = static_cast<float>(
-        std::max({z - top_(s), bottom_(s) - z, s - s_high_, s_low_ - s, -1.5 - nodes[n].buccal}));
+    limits_.values()[n] = static_cast<float>(std::max(
+        {z - top_(s), bottom_(s) - par_.flange_mm - z, s - s_high_, s_low_ - s, -1.5 - nodes[n].buccal}));
     below_.values()[n] = static_cast<float>(bottom_(s) - z);
+    // The flange keeps its thickness although it stands off the gingiva.
+    outer_.values()[n] -= static_cast<float>(kGingivaRelief_mm * std::clamp(bottom_(s) - z, 0.0, 1.0));
   });
   double sum = 0;
   int count = 0;
@@ -295,10 +297,10 @@ void Clutch::find_stem(const ClutchScene& scene) {
   const auto hit = scene.mandible.ray({0, reach_.min_mm.y() - 5, mid_z}, Vector3::UnitY(), 0, 60);
   front_y_ = hit ? hit->point_mm.y() : 0;
   stem_top_ = top_(0);
-  stem_bottom_ = bottom_(0);
+  stem_bottom_ = bottom_(0) - par_.flange_mm;
   for (double s = -0.5 * par_.stem_width_mm; s <= 0.5 * par_.stem_width_mm; s += kStep_mm) {
     stem_top_ = std::min(stem_top_, top_(s) - 0.1);
-    stem_bottom_ = std::max(stem_bottom_, bottom_(s) + 0.1);
+    stem_bottom_ = std::max(stem_bottom_, bottom_(s) - par_.flange_mm + 0.1);
   }
   const GridShape& shape = maxilla_.shape();
   const Rigid3 bow_from_grid = grid_from_bow_.inverse();
