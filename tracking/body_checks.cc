@@ -86,7 +86,7 @@ void SessionEvidence::add(const BodyPoses& poses, const std::vector<const Image8
     const bool blank =
         std::all_of(poses.tags.begin(), poses.tags.end(), [](const auto& t) { return t.empty(); });
     for (const Image8* image : images) {
-      if (blank && image != nullptr) sample.images.push_back(*image);
+      if (blank && keep_pictures_ && image != nullptr) sample.images.push_back(*image);
     }
     failures_.push_back(std::move(sample));
   }

@@ -16,7 +16,9 @@ namespace gnathion {
 /// Gathered frame by frame, by pieces of the session; pieces are merged in their order.
 class SessionEvidence {
  public:
-  explicit SessionEvidence(std::size_t cameras) : focal_(cameras) {}
+  /// `keep_pictures`: of a few frames without tags, to find out why. For the first pieces of a session.
+  explicit SessionEvidence(std::size_t cameras, bool keep_pictures = true)
+      : keep_pictures_(keep_pictures), focal_(cameras) {}
 
   void add(const BodyPoses& poses, const std::vector<const Image8*>& images);
   /// Takes the later piece's evidence.
@@ -38,6 +40,7 @@ class SessionEvidence {
   Status refuse_upside_down(const Rig& rig) const;
   Status explain_failure(const Rig& rig) const;
 
+  bool keep_pictures_;
   std::map<int, int> frames_with_twice_;           ///< id → searched frames that show it twice
   std::map<int, int> foreign_;                     ///< id of neither body → searched frames
   std::vector<std::vector<ScaleEvidence>> focal_;  ///< per camera and piece of the session

@@ -34,6 +34,17 @@ class Track {
     if (!(step_s > 0 && step_s <= max_step_s)) return std::nullopt;
     return difference(last_->pose, before_->pose) / step_s;
   }
+  /// At `at`, where the body is at `pose`: from the last two steps, whose velocities belong to their middles.
+  std::optional<Vector6> velocity_at(HostTime at, const Rigid3& pose, double max_step_s) const {
+    if (!last_) return std::nullopt;
+    const double step_s = at.seconds_since(last_->at);
+    if (!(step_s > 0 && step_s <= max_step_s)) return std::nullopt;
+    const Vector6 now = difference(pose, last_->pose) / step_s;
+    const auto then = velocity(max_step_s);
+    if (!then) return now;
+    const double apart_s = 0.5 * at.seconds_since(before_->at);
+    return now + (now - *then) * (0.5 * step_s / apart_s);
+  }
 
  private:
   struct Stamped {
@@ -72,6 +83,12 @@ std::vector<Tile> tiles_of(const CameraModel& camera) {
   return tiles;
 }
 
+constexpr double kApartPx = 20;  // two tags of one id, and not one found twice
+
+double apart_px(const TagObservation& a, const TagObservation& b) {
+  return (a.corners_px[0] - b.corners_px[0]).norm();
+}
+
 bool near_another(const std::vector<TagObservation>& seen, const TagObservation& o) {
   return std::any_of(seen.begin(), seen.end(), [&](const TagObservation& s) {
     return s.id == o.id && (s.corners_px[0] - o.corners_px[0]).norm() < 3 &&
@@ -90,6 +107,7 @@ struct BodyTracker::Impl {
   std::array<TrackedBody, 2> bodies;                      // bow, head frame
   RigTags last_tags;
   HostTime last_capture;
+  bool rolling = false;  ///< a camera's shutter rolls
   int frames_to_search = 0;
   std::size_t tiles_searched = 0;  ///< since a body was lost
 
@@ -128,8 +146,27 @@ struct BodyTracker::Impl {
     }
   }
 
-  void estimate(TrackedBody& b, const RigTags& tags, const std::optional<Rigid3>& guess) {
+  /// Tags of a body whose pose is not known yet, where the last frame showed them: what tiles find one by one
+  /// adds up.
+  void keep(const TrackedBody& b, const Images& images, RigTags* tags) {
+    for (std::size_t c = 0; c < images.size(); ++c) {
+      if (images[c] == nullptr) continue;
+      for (const BodyTag& tag : b.body->tags) {
+        const TagObservation* last = observation_of(last_tags[c], tag.id);
+        if (last == nullptr) continue;
+        const auto seen = detector->follow(*images[c], rig.cameras[c].model, tag.id, last->corners_px, last);
+        if (seen) (*tags)[c].push_back(*seen);
+      }
+    }
+  }
+
+  void estimate(TrackedBody& b, HostTime capture, const RigTags& tags, const std::optional<Rigid3>& guess) {
     b.pose = estimate_body_pose(rig, *b.body, tags, options.pose, guess, b.velocity);
+    if (!rolling || !b.pose.valid) return;
+    // The pose itself tells the velocity better than the past did; once more with that.
+    b.velocity = b.track.velocity_at(capture, b.pose.camera_from_body, options.max_prediction_s);
+    if (b.velocity)
+      b.pose = estimate_body_pose(rig, *b.body, tags, options.pose, b.pose.camera_from_body, b.velocity);
   }
 
   /// Adds what a search finds and was not followed.
@@ -177,29 +214,29 @@ struct BodyTracker::Impl {
 
   /// Poses of the lost bodies from what the search found; then the tags that a pose predicts and the search
   /// did not report (libapriltag misses steep ones).
-  void estimate_lost(const Images& images, RigTags* tags) {
+  void estimate_lost(HostTime capture, const Images& images, RigTags* tags) {
     for (TrackedBody& b : bodies) {
       if (b.pose.valid) continue;
-      estimate(b, *tags, b.predicted);
+      estimate(b, capture, *tags, b.predicted);
       if (!b.pose.valid) continue;
       const Rigid3 found = b.pose.camera_from_body;
       follow(b, found, images, static_cast<int>(b.body->tags.size()), tags);
-      estimate(b, *tags, found);
+      estimate(b, capture, *tags, found);
     }
   }
 
-  void search(const Images& images, RigTags* tags, BodyPoses* told) {
+  void search(HostTime capture, const Images& images, RigTags* tags, BodyPoses* told) {
     if (options.search_tiles > 0) {
       search_tiles(images, tags);
-      estimate_lost(images, tags);
+      estimate_lost(capture, images, tags);
     } else {
       if (--frames_to_search > 0) return;
       frames_to_search = options.search_pause_frames;
       search_whole(*quick_detector, images, tags);
-      estimate_lost(images, tags);
+      estimate_lost(capture, images, tags);
       if (lost()) {
         search_whole(*detector, images, tags);
-        estimate_lost(images, tags);
+        estimate_lost(capture, images, tags);
       }
     }
     told->searched = true;
@@ -217,8 +254,9 @@ struct BodyTracker::Impl {
         };
         const bool known = on(bodies[0]) || on(bodies[1]);
         const bool again = std::any_of(
-            camera.begin(), camera.begin() + static_cast<std::ptrdiff_t>(i),
-            [&](const TagObservation& o) { return o.id == camera[i].id && o.refined && o.hamming == 0; });
+            camera.begin(), camera.begin() + static_cast<std::ptrdiff_t>(i), [&](const TagObservation& o) {
+              return o.id == camera[i].id && o.refined && o.hamming == 0 && apart_px(o, camera[i]) > kApartPx;
+            });
         if (known && again) told->ids_seen_twice.push_back(camera[i].id);
         if (!known) told->foreign_ids.push_back(camera[i].id);
       }
@@ -251,6 +289,7 @@ Result<std::unique_ptr<BodyTracker>> BodyTracker::create(const Rig& rig, const B
   quick.quad_decimate = std::max(quick.quad_decimate, 2.0);
   GNATHION_TRY(impl->quick_detector, TagDetector::create(quick));
   impl->last_tags.resize(rig.cameras.size());
+  for (const RigCamera& camera : rig.cameras) impl->rolling |= camera.line_time_ns.value_or(0) != 0;
   return std::unique_ptr<BodyTracker>(new BodyTracker(std::move(impl)));
 }
 
@@ -274,13 +313,16 @@ BodyPoses BodyTracker::next(HostTime capture, const std::vector<const Image8*>& 
   RigTags tags(images.size());
   m.predict(capture);
   for (TrackedBody& b : m.bodies) {
-    if (!b.predicted) continue;
+    if (!b.predicted) {
+      m.keep(b, images, &tags);
+      continue;
+    }
     const bool seen_last = b.track.last_at() == m.last_capture;  // else none of its tags has a last frame
     const int retries = seen_last ? m.options.retries_per_frame : static_cast<int>(b.body->tags.size());
     m.follow(b, *b.predicted, images, retries, &tags);
   }
-  for (TrackedBody& b : m.bodies) m.estimate(b, tags, b.predicted);
-  if (m.lost()) m.search(images, &tags, &poses);
+  for (TrackedBody& b : m.bodies) m.estimate(b, capture, tags, b.predicted);
+  if (m.lost()) m.search(capture, images, &tags, &poses);
   if (!m.lost()) {
     m.frames_to_search = 0;
     m.tiles_searched = 0;

@@ -113,7 +113,7 @@ bool cut(const Image8& image, const Side& side, double reach_px, double blur_px,
     double u = side.along.dot(p - side.start) / side.length_px, flat = side.normal.dot(p - side.start);
     const std::uint8_t* pixel = image.pixels.data() + static_cast<std::ptrdiff_t>(i) * line_step +
                                 static_cast<std::ptrdiff_t>(lo) * step;
-    for (int j = lo; j <= hi; ++j, u += du, flat += dd, pixel += step) {
+    for (int j = lo; j <= hi && n < EdgeStrip::kCapacity - 4; ++j, u += du, flat += dd, pixel += step) {
       const double v = u - 0.5;
       if (std::abs(v) > v_limit || *pixel >= kSaturated) continue;
       const double d = flat - 4 * side.sagitta_px * u * (1 - u);

@@ -17,6 +17,7 @@ namespace gnathion {
 namespace {
 
 const char* const kWhat = "cannot track the session";
+constexpr std::size_t kPiecesWithPictures = 2;
 
 /// What the rig's cameras delivered at one time.
 struct Instant {
@@ -31,7 +32,7 @@ struct Chunk {
   std::size_t searches = 0;
   SessionEvidence evidence;
 
-  explicit Chunk(std::size_t cameras) : evidence(cameras) {}
+  Chunk(std::size_t cameras, bool keep_pictures) : evidence(cameras, keep_pictures) {}
 };
 
 void track_chunk(BodyTracker& tracker, Chunk* chunk) {
@@ -297,7 +298,7 @@ class SessionTracker {
 
   void next_chunk() {
     if (!chunks_.empty()) workers_->submit(&chunks_.back());
-    chunks_.emplace_back(rig_.cameras.size());
+    chunks_.emplace_back(rig_.cameras.size(), chunks_.size() < kPiecesWithPictures);
     filled_ = 0;
   }
 
