@@ -46,7 +46,8 @@ class TimeCalibrationJobTest : public ::testing::Test {
     const Rigid3 elsewhere{random.rotation(), Vector3(100, -50, 400)},
         mounted{random.rotation(), Vector3(3, 4, 5)};
     std::uint32_t cameras = 0, sensors = 0;
-    for (double t = 0; t < 12; t += 1.0 / 120) {
+    for (int i = 0; i < 1440; ++i) {
+      const double t = i / 120.0;
       const auto put = [&](const char* stream, std::uint32_t sequence, double shown_s, const Rigid3& pose,
                            double sigma) {
         PoseSample s;
