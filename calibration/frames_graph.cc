@@ -74,22 +74,30 @@ std::vector<FramesGraph::Neighbour> FramesGraph::neighbours(const std::string& f
   return out;
 }
 
-/// dental_from_frame of every frame that hangs together with "dental", by the fewest edges: where the teeth
-/// are in it. Good enough for levers.
+/// dental_from_frame of every frame that hangs together with "dental", by the edges that are known best:
+/// where the teeth are in it.
 std::map<std::string, Rigid3> FramesGraph::placed() const {
+  constexpr double kLever_mm = 100.0;  // of an angle's error
+  const auto size_mm2 = [](const FrameEdge& e) {
+    if (!e.covariance) return kUnknownCost_mm2;
+    return e.covariance->bottomRightCorner<3, 3>().trace() +
+           kLever_mm * kLever_mm * e.covariance->topLeftCorner<3, 3>().trace();
+  };
   std::map<std::string, Rigid3> out;
-  std::vector<std::string> queue = {"dental"};
   out["dental"] = Rigid3::identity();
-  for (std::size_t i = 0; i < queue.size(); ++i) {
-    const std::string frame = queue[i];
-    for (const Neighbour& n : neighbours(frame)) {
-      if (out.count(n.frame) != 0) continue;
-      const Rigid3& x = edges_[n.edge].to_from_from;
-      out[n.frame] = out.at(frame) * (n.inverse ? x.inverse() : x);
-      queue.push_back(n.frame);
+  for (;;) {  // Prim's tree
+    const FrameEdge* best = nullptr;
+    for (const FrameEdge& e : edges_) {
+      if (out.count(e.to) == out.count(e.from)) continue;
+      if (best == nullptr || size_mm2(e) < size_mm2(*best)) best = &e;
+    }
+    if (best == nullptr) return out;
+    if (out.count(best->to) != 0) {
+      out[best->from] = out.at(best->to) * best->to_from_from;
+    } else {
+      out[best->to] = out.at(best->from) * best->to_from_from.inverse();
     }
   }
-  return out;
 }
 
 std::vector<Vector3> FramesGraph::teeth_in(const std::string& frame) const {
@@ -199,21 +207,9 @@ Result<FramePath> FramesGraph::path(const std::string& to, const std::string& fr
 }
 
 std::vector<FrameLoop> FramesGraph::loops() const {
-  // Edges that join two parts that already hang together close a loop.
-  std::map<std::string, std::string> parent;
-  for (const std::string& f : frames()) parent[f] = f;
-  const auto root = [&](std::string f) {
-    while (parent.at(f) != f) f = parent.at(f);
-    return f;
-  };
   std::vector<FrameLoop> out;
   std::set<std::vector<std::size_t>> seen;
   for (std::size_t i = 0; i < edges_.size(); ++i) {
-    const std::string a = root(edges_[i].to), b = root(edges_[i].from);
-    if (a != b) {
-      parent[a] = b;
-      continue;
-    }
     const auto back = cheapest(edges_[i].from, edges_[i].to, i);
     if (!back) continue;
     FrameLoop loop;
@@ -241,30 +237,30 @@ std::vector<FrameLoop> FramesGraph::loops() const {
   return out;
 }
 
+FramesGraph FramesGraph::without(std::size_t edge) const {
+  FramesGraph rest = *this;
+  rest.edges_.erase(rest.edges_.begin() + static_cast<std::ptrdiff_t>(edge));
+  return rest;
+}
+
 std::vector<FrameSuspect> FramesGraph::suspects(const std::vector<FrameLoop>& loops) const {
-  std::map<std::size_t, FrameSuspect> by_edge;
-  for (const FrameLoop& loop : loops) {
-    if (!loop.p_value) continue;
-    for (const auto& step : loop.steps) {
-      FrameSuspect& s = by_edge[step.edge];
-      s.edge = step.edge;
-      ++(loop.consistent() ? s.loops_closed : s.loops_open);
-    }
-  }
-  std::vector<FrameSuspect> all, only_open;
-  for (const auto& [edge, s] : by_edge) {
-    if (s.loops_open == 0) continue;
+  std::set<std::size_t> in_open;
+  for (const FrameLoop& loop : loops)
+    if (!loop.consistent())
+      for (const auto& step : loop.steps) in_open.insert(step.edge);
+  std::vector<FrameSuspect> all;
+  for (const std::size_t edge : in_open) {
+    FrameSuspect s;
+    s.edge = edge;
+    for (const FrameLoop& loop : without(edge).loops()) s.open_without += loop.consistent() ? 0 : 1;
     all.push_back(s);
-    if (s.loops_closed == 0) only_open.push_back(s);
   }
-  std::vector<FrameSuspect> out = only_open.empty() ? all : only_open;
-  // The edge that most open loops have in common is meant, where that is one alone.
-  std::stable_sort(out.begin(), out.end(),
-                   [](const FrameSuspect& a, const FrameSuspect& b) { return a.loops_open > b.loops_open; });
-  if (out.size() == 1 || (out.size() > 1 && out[0].loops_open > out[1].loops_open)) {
-    out.resize(1);
-    out.front().certain = true;
-  }
+  std::size_t least = std::numeric_limits<std::size_t>::max();
+  for (const FrameSuspect& s : all) least = std::min(least, s.open_without);
+  std::vector<FrameSuspect> out;
+  for (const FrameSuspect& s : all)
+    if (s.open_without == least) out.push_back(s);
+  if (out.size() == 1 && least == 0) out.front().certain = true;
   return out;
 }
 

@@ -58,8 +58,8 @@ struct FrameLoop {
 /// An edge that contradicts the others.
 struct FrameSuspect {
   std::size_t edge = 0;
-  std::size_t loops_open = 0, loops_closed = 0;  ///< that it takes part in
-  bool certain = false;  ///< false: other edges could be meant as well, all of them are listed
+  std::size_t open_without = 0;  ///< loops that would still not close if this edge were left out
+  bool certain = false;          ///< without it, and it alone, all loops close
 };
 
 class FramesGraph {
@@ -82,10 +82,9 @@ class FramesGraph {
   /// The path with the least forecast error at the teeth; edges without covariance are used only where there
   /// is no other way. Errors (kInput): an unknown frame (the known ones are listed), no way.
   Result<FramePath> path(const std::string& to, const std::string& from) const;
-  /// One loop for each edge beyond a spanning tree: the shortest that closes over it.
+  /// The shortest loop over each edge, each loop once.
   std::vector<FrameLoop> loops() const;
-  /// Edges that take part in open loops and in no closed one; where there is none such, all edges of the open
-  /// loops.
+  /// Edges of open loops without which the fewest loops stay open; where several do equally well, all.
   std::vector<FrameSuspect> suspects(const std::vector<FrameLoop>& loops) const;
 
  private:
@@ -95,6 +94,7 @@ class FramesGraph {
     std::string frame;
   };
   std::vector<Neighbour> neighbours(const std::string& frame) const;
+  FramesGraph without(std::size_t edge) const;
   std::map<std::string, Rigid3> placed() const;
   double edge_cost(const FrameEdge& edge, const std::map<std::string, Rigid3>& dental_from) const;
   FramePath composed(const std::string& to, const std::string& from,

@@ -103,8 +103,7 @@ json frames_json(const FramesGraph& graph) {
   for (const FrameSuspect& s : graph.suspects(found))
     suspects.push_back({{"edge", graph.edges()[s.edge].name()},
                         {"index", s.edge},
-                        {"loops_open", s.loops_open},
-                        {"loops_closed", s.loops_closed},
+                        {"open_without", s.open_without},
                         {"certain", s.certain}});
   return {{"kind", "frames"}, {"unit", "mm"},   {"frames", graph.frames()}, {"teeth_mm", teeth},
           {"edges", edges},   {"loops", loops}, {"suspects", suspects},     {"cross_covariances", cross}};
@@ -169,9 +168,10 @@ std::string frames_text(const FramesGraph& graph) {
                 : fmt::format(", MORE than the stated errors allow (p = {:.2g})\n", *loop.p_value);
   }
   for (const FrameSuspect& s : graph.suspects(loops))
-    text += fmt::format("{} {}: in {} loop(s) that do not close, in {} that do\n",
-                        s.certain ? "inconsistent" : "perhaps inconsistent", graph.edges()[s.edge].name(),
-                        s.loops_open, s.loops_closed);
+    text += fmt::format("{} {}: without it {}\n", s.certain ? "inconsistent" : "perhaps inconsistent",
+                        graph.edges()[s.edge].name(),
+                        s.open_without == 0 ? std::string("all loops close")
+                                            : fmt::format("{} loop(s) stay open", s.open_without));
   return text;
 }
 

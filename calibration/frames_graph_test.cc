@@ -139,8 +139,8 @@ TEST(FramesGraph, LoopsThatCloseAreConsistent) {
       open += loop.consistent() ? 0 : 1;
     }
   }
-  EXPECT_EQ(loops, 80);
-  EXPECT_LE(open, 3) << "p < 0.003 in 80 loops";
+  EXPECT_GE(loops, 80);
+  EXPECT_LE(open, 4) << "p < 0.003 in about 100 loops";
 }
 
 TEST(FramesGraph, TheEdgeThatContradictsIsNamed) {
@@ -209,7 +209,12 @@ TEST(FramesGraph, FileGivesBackTheGraph) {
   const nlohmann::json j = frames_json(w.graph);
   const auto back = frames_from_json(nlohmann::json::parse(j.dump()), "frames.json");
   ASSERT_TRUE(back) << back.error().line();
-  EXPECT_EQ(frames_json(*back).dump(), j.dump());
+  ASSERT_EQ(back->edges().size(), 3u);
+  const auto before = w.graph.path("dental", "face_mi"), after = back->path("dental", "face_mi");
+  ASSERT_TRUE(before && after);
+  EXPECT_LT((before->to_from_from.matrix() - after->to_from_from.matrix()).norm(), 1e-9);
+  EXPECT_LT((*before->covariance - *after->covariance).norm(), 1e-9 * before->covariance->norm());
+  EXPECT_EQ(back->cross_covariances().size(), 2u);
   nlohmann::json broken = j;
   broken["edges"][0]["matrix"][0][0] = 3.0;
   EXPECT_FALSE(frames_from_json(broken, "frames.json"));
