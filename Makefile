@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording accuracy fuzz asan tsan tidy campaign format clean
+.PHONY: all deps build demo test bench bench-recording accuracy fuzz asan tsan tidy campaign campaign-chain format clean
 
 all: build
 
@@ -48,6 +48,13 @@ fuzz: deps
 campaign: build
 	@$(BIN)/e2e_design_real_test --gtest_also_run_disabled_tests
 	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_virtual_print_phantom_test --gtest_also_run_disabled_tests
+
+# The chain on fresh virtual patients, at TP, at 25° and with repeated scans; two intraoral scans on the real jaws.
+SEEDS ?= 200
+campaign-chain: build
+	@$(BIN)/chain_campaign --seeds $(SEEDS) --anatomies 10 && $(BIN)/chain_campaign --seeds 50 --anatomies 5 --open
+	@$(BIN)/chain_campaign --seeds 50 --anatomies 5 --repeats 2
+	@$(BIN)/scans_campaign --cases 500 && $(BIN)/scans_campaign --cases 60 --tissue 0.3 --missing 2 --coarse 1.0
 
 asan tsan: deps
 	@cmake --preset $@ > /dev/null && cmake --build build/$@ -j $(JOBS) && ctest --test-dir build/$@ --output-on-failure
