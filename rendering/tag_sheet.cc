@@ -97,7 +97,7 @@ std::vector<std::shared_ptr<const Drawing>> tag_sheets(const std::vector<SheetTa
     }
     draw_tag(*page, tag, x + cell, y + cell, side_mm);
     cut_marks(*page, x, y, sticker);
-    page->text(pt(x + 0.5 * sticker, y + sticker + 4.5), fmt::format("{} {}  (this side down)", body, tag.id),
+    page->text(pt(x + 0.5 * sticker, y + sticker + 6.8), fmt::format("{} {}  (this side down)", body, tag.id),
                {6.5, {0.2, 0.2, 0.2}, Anchor::kMiddle});
     x += pitch;
   }

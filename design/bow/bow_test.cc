@@ -27,7 +27,7 @@ TEST(BowPrint, FitsTheCrownsAndIsClearOfTheMaxilla) {
   const auto maxilla = read_jaw(folder / "maxilla.stl"), mandible = read_jaw(folder / "mandible_mi.stl");
   ASSERT_TRUE(maxilla && mandible);
   BowParameters p;
-  p.fine_mm = 0.35;  // quicker; the gates are the same
+  p.fine_mm = 0.3;  // quicker; the gates are the same
   SilentProgress progress;
   const auto design = design_bow({*maxilla, *mandible, {}}, p, progress);
   ASSERT_TRUE(design) << design.error().line();

@@ -98,6 +98,12 @@ Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
   c.s_low_ = low + kEnd_mm;
   c.s_high_ = high - kEnd_mm;
   c.find_margins(scene, ruler, low, high);
+  // Models of bare crowns have no gingiva that a flange could follow.
+  double lowest = kFar;
+  for (const Vector3& q : scene.mandible_scan.vertices_mm)
+    if (teeth.min_mm.x() < q.x() && q.x() < teeth.max_mm.x() && q.y() < teeth.max_mm.y())
+      lowest = std::min(lowest, q.z());
+  c.par_.flange_mm = std::clamp(c.bottom_(0) - lowest - 2.0, 0.0, p.flange_mm);
   c.choose_withdrawal(scene, ruler);
   c.sample(scene, teeth);
   c.limit(ruler);
