@@ -189,6 +189,45 @@ printf '0,0,0,1,1,1\n60,0,0,61,1,1\n0,40,0,1,41,1\n20,10,30,21,11,31\n-10,5,9,-9
 expect 0 '' "$gnathion" calibrate sensor --quiet --points "$work/points.csv" --out "$work/sensor.json"
 expect 2 'give --points' "$gnathion" calibrate sensor --out "$work/out"
 
+# Cameras, and the offset between instruments.
+mkdir -p "$work/blank" "$work/sizes" "$work/none"
+for i in 1 2 3; do { printf 'P5 64 48 255\n'; head -c 3072 /dev/zero; } >"$work/blank/$i.pgm"; done
+cp "$work/blank/1.pgm" "$work/sizes/1.pgm"
+{ printf 'P5 32 32 255\n'; head -c 1024 /dev/zero; } >"$work/sizes/2.pgm"
+camera() { expect "$1" "$2" "$gnathion" calibrate camera --images "$3" --board "$4" --out "$work/out.json"; }
+camera 4 'in none of 3 images: no chessboard of 9x6' "$work/blank" chessboard:9x6:25
+camera 4 'in none of 3 images: no tag' "$work/blank" aprilgrid:6x6:30:0.3
+camera 4 'images of one camera have one size' "$work/sizes" chessboard:9x6:25
+camera 4 'holds no images' "$work/none" chessboard:9x6:25
+camera 4 'no folder' "$work/absent" chessboard:9x6:25
+camera 2 'a board is chessboard' "$work/blank" chessbord:9x6:25
+camera 2 'no such ArUco dictionary' "$work/blank" charuco:7x5:30:22:9X9_50
+expect 2 'give --images or --recording' "$gnathion" calibrate camera --board chessboard:9x6:25 --out "$work/out.json"
+expect 2 'needs two cameras' "$gnathion" calibrate rig --camera a="$work/blank" --board chessboard:9x6:25 --out "$work/out.json"
+expect 2 'NAME=FOLDER' "$gnathion" calibrate rig --camera a --camera b --board chessboard:9x6:25 --out "$work/out.json"
+expect 4 'no images of .left' "$gnathion" calibrate rig --recording "$work/film.mcap" --streams left right --board chessboard:9x6:25 --out "$work/out.json"
+expect 4 'streams? of poses' "$gnathion" calibrate time --recording "$work/film.mcap" --streams a b --out "$work/out"
+expect 4 'not.mcap' "$gnathion" calibrate time --recording "$work/not.mcap" --streams a b --out "$work/out"
+printf '{"kind": "time_calibration", "first": "a", "second": "b", "offset_s": 0.01}' >"$work/time.json"
+expect 4 "has no stream 'b'" "$gnathion" recording shift "$work/film.mcap" --time "$work/time.json" --out "$work/out"
+
+# Real pictures of a chessboard, where they are.
+pictures=../shared/data/camera
+if [ -d "$pictures" ]; then
+  mkdir -p "$work/left" "$work/right" "$work/same"
+  cp $pictures/left0[1-9].jpg $pictures/left1*.jpg "$work/left"; cp $pictures/right0[1-9].jpg $pictures/right1*.jpg "$work/right"
+  for i in 1 2 3 4 5; do cp $pictures/left01.jpg "$work/same/$i.jpg"; done
+  camera 4 '5 views of the board, 1 distinct' "$work/same" chessboard:9x6:25
+  camera 4 'they show a chessboard of 9x6' "$work/same" chessboard:8x6:25
+  expect 0 '' "$gnathion" calibrate rig --quiet --camera left="$work/left" --camera right="$work/right" --board chessboard:9x6:25 \
+    --bow bow.toml --head-frame head_frame.toml --out "$work/stereo.json"
+  [ -s "$work/stereo.png" ] || { echo "FAILED: no picture of the calibration"; failures=$((failures + 1)); }
+  # The rig that was written is one that track reads: it gets as far as the recording's own cameras.
+  expect 4 "no frame of|stereo.toml has|pixels|left" "$gnathion" track --recording "$work/film.mcap" --rig "$work/stereo.toml" --out "$work/out"
+else
+  echo "SKIPPED: no pictures in $pictures"
+fi
+
 # Real jaws, where they are.
 jaws=../shared/data/jaws
 if [ -d "$jaws" ]; then
