@@ -103,7 +103,7 @@ Result<Clutch> Clutch::build(const ClutchScene& scene, const BowParameters& p) {
   for (const Vector3& q : scene.mandible_scan.vertices_mm)
     if (teeth.min_mm.x() < q.x() && q.x() < teeth.max_mm.x() && q.y() < teeth.max_mm.y())
       lowest = std::min(lowest, q.z());
-  c.par_.flange_mm = std::clamp(c.bottom_(0) - lowest - 2.0, 0.0, p.flange_mm);
+  if (c.bottom_(0) - lowest < p.flange_mm + 3) c.par_.flange_mm = 0;
   c.choose_withdrawal(scene, ruler);
   c.sample(scene, teeth);
   c.limit(ruler);
