@@ -77,6 +77,10 @@ write('case.toml', b'[scans]\nmaxila_mi = "x"\n')
 PY
 id=$work/identity.txt box=$work/box.stl
 
+bow_film() { "$gnathion" calibrate bow --rig "$work/rig.toml" --bow "$work/bow.toml" --out "$work/out" "$@"; }
+expect 2 'a distance is' bow_film --recording "$work/not.mcap" --distance 0-7
+expect 4 'not.mcap' bow_film --recording "$work/not.mcap"
+expect 4 'absent.stl' "$gnathion" bow print --maxilla "$work/absent.stl" --mandible "$work/box.stl" --out "$work/out"
 design 4 'absent.stl' "$work/absent.stl" "$box" "$id"
 design 4 'empty.stl.*empty' "$work/empty.stl" "$box" "$id"
 design 4 'truncated.stl.*truncated' "$work/truncated.stl" "$box" "$id"
