@@ -38,11 +38,21 @@ Status check_determined(const CameraSolution& s) {
   return {};
 }
 
+bool of_two_cameras(const std::optional<Split>& split) {
+  return split && split->rms_apart_px < kTwoCamerasRatio * split->rms_together_px &&
+         split->separation_sigmas > kTwoCamerasSigmas;
+}
+
 Status check_one_camera(const CameraSolution& s, const std::vector<Reduced>& parts) {
   const auto split = best_split(s.problem, s.state, parts);
-  if (!split || split->rms_apart_px > kTwoCamerasRatio * split->rms_together_px ||
-      split->separation_sigmas < kTwoCamerasSigmas)
-    return {};
+  if (!of_two_cameras(split)) return {};
+  // A bent board, too, asks for other intrinsics from view to view: not if its bend is solved for.
+  Problem problem = s.problem;
+  State state = s.state;
+  problem.free_bend = true;
+  const bool solved = solve(problem, Loss::kHuber, 4.5, &state);
+  problem.free_bend = false;
+  if (solved && !of_two_cameras(best_split(problem, state, reduce(problem, state)))) return {};
   std::string first, second;
   for (const View& v : s.problem.views) {
     std::string& name = split->second[v.instant] ? second : first;
