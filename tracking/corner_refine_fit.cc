@@ -94,7 +94,9 @@ bool cut(const Image8& image, const Side& side, double reach_px, double blur_px,
   const double line_slope = side.along[minor] / side.along[major];
   const double du = side.along[minor] / side.length_px, dd = side.normal[minor];
   // Neither what lies beyond the white margin nor the second row of data cells may shine in.
-  const auto outer = [&](double cell) { return std::min(reach_px, std::max(cell - 2.3 * blur_px, 1.0)); };
+  const auto outer = [&](double cell) {
+    return std::min(reach_px, std::max({cell - 2.3 * blur_px, std::min(cell - 1.5 * blur_px, 1.6), 1.0}));
+  };
   const auto inner = [&](double cell) {
     return std::min({reach_px, cell, std::max(2 * cell - 2.3 * blur_px, 1.0)});
   };

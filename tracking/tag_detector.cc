@@ -19,6 +19,14 @@ constexpr double kUnrefinedCornerPx = 0.3;  // libapriltag's own corners: measur
 constexpr int kCoveredBits =
     3;  // that may be wrong beside max_hamming where part of the outline is covered: codes differ in 11
 
+constexpr double kFarthestFromLibraryPx = 1.25;
+
+double farthest_px(const TagCorners& a, const TagCorners& b) {
+  double farthest = 0;
+  for (std::size_t k = 0; k < 4; ++k) farthest = std::max(farthest, (a[k] - b[k]).norm());
+  return farthest;
+}
+
 /// libapriltag's detector and family with their life times.
 class LibApriltag {
  public:
@@ -134,8 +142,12 @@ std::vector<TagObservation> TagDetector::detect_in(const Image8& image, const Ca
   if (x1 - x0 < kLeastImagePx || y1 - y0 < kLeastImagePx) return {};
   std::vector<TagObservation> kept;
   for (TagObservation& o : impl_->library.detect(image, x0, y0, x1 - x0, y1 - y0)) {
-    const bool refined = impl_->options.refine && impl_->refine(image, camera, {o.corners_px}, &o);
+    const TagObservation library = o;
+    // The library's corners are off by some tenths of a pixel; a fit far from them has found something else.
+    const bool refined = impl_->options.refine && impl_->refine(image, camera, {o.corners_px}, &o) &&
+                         farthest_px(library.corners_px, o.corners_px) <= kFarthestFromLibraryPx;
     if (!refined) {
+      o = library;
       if (impl_->options.refine && !impl_->options.keep_unrefined) continue;
       o.covariance_px2 = kUnrefinedCornerPx * kUnrefinedCornerPx * Matrix8::Identity();
     }
