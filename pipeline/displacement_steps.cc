@@ -19,13 +19,16 @@ json vector_json(const Vector3& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Blue, cyan, green, yellow, red for 0 … 1.
+/// Dark blue, teal, green, yellow for 0 … 1: lightness grows evenly, which every eye can read.
 std::array<std::uint8_t, 3> heat(double t) {
-  const auto channel = [&](double centre) {
-    const double v = std::clamp(1.5 - std::abs(4.0 * t - centre), 0.0, 1.0);
-    return static_cast<std::uint8_t>(std::lround(255.0 * v));
-  };
-  return {channel(3.0), channel(2.0), channel(1.0)};
+  constexpr double kStops[][3] = {{68, 1, 84}, {59, 82, 139}, {33, 145, 140}, {94, 201, 98}, {253, 231, 37}};
+  const double u = std::clamp(t, 0.0, 1.0) * 4.0;
+  const int low = std::min(3, static_cast<int>(u));
+  std::array<std::uint8_t, 3> out{};
+  for (int k = 0; k < 3; ++k)
+    out[static_cast<std::size_t>(k)] = static_cast<std::uint8_t>(
+        std::lround(kStops[low][k] + (u - low) * (kStops[low + 1][k] - kStops[low][k])));
+  return out;
 }
 
 Uncertain<Motion<Dental>> with_covariance(const Motion<Dental>& motion,
@@ -129,7 +132,7 @@ Status write_error_map(const Uncertain<Motion<Dental>>& therapeutic, const Trian
   shown.use_vertex_colors = true;
   shown.flat_light = true;
   PictureOptions o;
-  o.title = fmt::format("95 % bound of the mandible's place in TP: {:.3f} mm (blue) to {:.3f} mm (red)",
+  o.title = fmt::format("95 % bound of the mandible's place in TP: {:.3f} mm (dark blue) to {:.3f} mm (yellow)",
                         *least, *most);
   return render_scene(folder / "pictures" / "error_map.png", {shown}, {}, {arch.up, arch.anterior, 1.0}, o);
 }

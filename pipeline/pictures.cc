@@ -25,7 +25,7 @@ Status draw_scenes(const SplintInputs& in, const SplintDesign& d, const fs::path
   SceneMesh clear = splint;
   clear.opacity = 0.55;
   const Vector3 gingival = f.gingival(in.arch);
-  const Vector3 oblique = f.anterior + 0.75 * f.left - 0.35 * f.up;
+  const Vector3 oblique = f.anterior + 0.75 * f.left - 0.35 * gingival;
   PictureOptions o;
   const std::string jaw = upper ? "maxilla" : "mandible";
   o.title = "Splint on the " + jaw + ", from the occlusal side";
