@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "registration/coarse.h"
+#include "registration/mirrored.h"
 
 namespace gnathion {
 namespace {
@@ -65,8 +66,20 @@ IcpResult fitted(const SearchSurface& source, const SearchSurface& target, const
 /// Coarse search and a first fit of the kept part of `source` on the kept part of `target`.
 Result<Rigid3> locate(const SearchSurface& source, const SearchSurface& target, const MeshQuery& query,
                       const CoarseOptions& options) {
-  GNATHION_TRY(const CoarseMatch match, find_pose(source, target, query, options));
-  return fitted(source, target, query, match.target_from_source, 2.0, options.seed).target_from_source;
+  constexpr double kDoubtful_mm = 0.15;  // two scans of one body leave less
+  const auto pose_of = [&](const SearchSurface& moving) -> Result<IcpResult> {
+    GNATHION_TRY(const CoarseMatch match, find_pose(moving, target, query, options));
+    return fitted(moving, target, query, match.target_from_source, 2.0, options.seed);
+  };
+  const Result<IcpResult> direct = pose_of(source);
+  if (direct && direct->scale_mm < kDoubtful_mm) return direct->target_from_source;
+  const TriangleMesh image = mirrored(*source.mesh);
+  const Result<IcpResult> reflected = pose_of({&image, source.keep});
+  if (reflected && reflected->scale_mm < kDoubtful_mm &&
+      (!direct || reflected->scale_mm < 0.5 * direct->scale_mm))
+    return bad_input("cannot align", options.name, kMirroredWhy);
+  if (!direct) return tl::unexpected<Error>(direct.error());
+  return direct->target_from_source;
 }
 
 /// The same where a guess may be near: nothing unless most of the source comes to lie on the target.

@@ -7,6 +7,7 @@
 
 #include "core/mesh_query.h"
 #include "registration/coarse.h"
+#include "registration/mirrored.h"
 #include "registration/residual_noise.h"
 #include "registration/robust_icp.h"
 #include "registration/surface_samples.h"
@@ -37,10 +38,8 @@ Vector3 centroid_of(const SurfaceSamples& samples) {
   return sum / static_cast<double>(std::max<std::size_t>(1, samples.size()));
 }
 
-}  // namespace
-
-Result<Alignment> align_surfaces(const TriangleMesh& source, const TriangleMesh& target,
-                                 const AlignOptions& options) {
+Result<Alignment> align_as_they_are(const TriangleMesh& source, const TriangleMesh& target,
+                                    const AlignOptions& options) {
   const std::vector<bool> keep_source = triangles_of_mask(source, options.source_vertex_mask);
   const std::vector<bool> keep_target = triangles_of_mask(target, options.target_vertex_mask);
   if (source.empty() || target.empty()) return bad_input("cannot align", options.name, "an empty surface");
@@ -106,6 +105,25 @@ Result<Alignment> align_surfaces(const TriangleMesh& source, const TriangleMesh&
   result.condition = conditions.condition;
   result.weak = conditions.weak;
   return result;
+}
+
+/// A match that two scans of one body do not give: residuals far above the noise, or little in common.
+bool doubtful(const Alignment& a, const AlignOptions& options) {
+  return a.rms_mm > 3.0 * options.noise_mm || a.inlier_fraction < 0.75 * options.overlap;
+}
+
+}  // namespace
+
+Result<Alignment> align_surfaces(const TriangleMesh& source, const TriangleMesh& target,
+                                 const AlignOptions& options) {
+  Result<Alignment> direct = align_as_they_are(source, target, options);
+  const bool searched = !options.initial_target_from_source && !source.empty() && !target.empty();
+  if (!searched || (direct && !doubtful(*direct, options))) return direct;
+  const Result<Alignment> reflected = align_as_they_are(mirrored(source), target, options);
+  if (!reflected || doubtful(*reflected, options)) return direct;
+  if (!direct || reflected->rms_mm < 0.5 * direct->rms_mm)
+    return bad_input("cannot align", options.name, kMirroredWhy);
+  return direct;
 }
 
 }  // namespace gnathion

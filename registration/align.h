@@ -57,7 +57,8 @@ struct Alignment {
 };
 
 /// Aligns `source` to `target`. Deterministic for given options.
-/// Errors (kInput): empty surfaces, "undetermined" (see above), not converged.
+/// Errors (kInput): empty surfaces, "undetermined" (see above), not converged, and, without a guess, surfaces
+/// that match when one is mirrored and do not as they are.
 Result<Alignment> align_surfaces(const TriangleMesh& source, const TriangleMesh& target,
                                  const AlignOptions& options = {});
 

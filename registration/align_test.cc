@@ -84,6 +84,26 @@ TEST(Align, RefusesSurfacesOfDifferentThings) {
   EXPECT_NE(found.error().why.find("undetermined"), std::string::npos) << found.error().line();
 }
 
+// Left and right exchanged: real arches are symmetric enough to find a pose all the same.
+TEST(Align, RefusesAMirroredScanByName) {
+  int tried = 0;
+  for (const char* name : {"cast/maxilla.stl", "cast/mandible_mi.stl", "crowns/maxilla.stl"}) {
+    const TriangleMesh jaw = real_jaw(name);
+    if (jaw.empty()) GTEST_SKIP() << "no real jaws here: set GNATHION_SHARED";
+    Random random(31);
+    const TriangleMesh target = noisy(retessellated(jaw, 0.6, random), 0.014, 0, 10, random);
+    TriangleMesh source = noisy(retessellated(jaw, 0.65, random), 0.014, 0, 10, random);
+    for (Vector3& v : source.vertices_mm) v.y() = 30.0 - v.y();
+    for (Triangle& t : source.triangles) std::swap(t[0], t[1]);
+    const auto found = align_surfaces(transformed(random_pose(random, 60), source), target);
+    ASSERT_FALSE(found) << name << ": rms " << found->rms_mm;
+    EXPECT_EQ(found.error().code, ErrorCode::kInput);
+    EXPECT_NE(found.error().why.find("mirrored"), std::string::npos) << name << ": " << found.error().line();
+    ++tried;
+  }
+  EXPECT_EQ(tried, 3);
+}
+
 // A square plate fits itself in several ways.
 TEST(Align, RefusesWhatHasSeveralEqualPoses) {
   TriangleMesh plate = box({60, 60, 8}, {});

@@ -43,6 +43,12 @@ Result<SplintDesign> designed(const SplintInputs& in, double search_deg = 15.0) 
   return design_splint(in, parameters, silent);
 }
 
+/// The plain splint, which several tests compare with.
+const Result<SplintDesign>& plain_design() {
+  static const Result<SplintDesign> instance = designed(inputs());
+  return instance;
+}
+
 /// Deepest vertex of the solid inside the jaw's scan, and of the scan inside the solid.
 double overlap_mm(const TriangleMesh& jaw, const TriangleMesh& splint) {
   const MeshQuery query(splint);
@@ -182,7 +188,7 @@ TEST(Freedom, TheRecordedProtrusionRunsFreeFromTp) {
   SplintInputs in = inputs();
   std::vector<Rigid3> places;  // the protrusion told anew from TP
   for (const Rigid3& r : protrusion()) places.push_back(therapeutic().rigid * r);
-  const auto held = designed(in);
+  const auto& held = plain_design();
   in.excursions = protrusion();
   const auto free = designed(in);
   ASSERT_TRUE(held && free);
@@ -218,7 +224,7 @@ double buccal_mm(const TriangleMesh& splint, const Vector3& from, const Vector3&
 
 TEST(Edits, AreReplayedOverTheDesign) {
   SplintInputs in = inputs();
-  const auto plain = designed(in);
+  const auto& plain = plain_design();
   ASSERT_TRUE(plain.has_value());
   const ArchFrame& arch = plain->arch;
   const ArchRuler ruler(arch);
@@ -263,7 +269,7 @@ double shadowed_share(const MeshQuery& maxilla, const std::vector<Vector3>& besi
 }
 
 TEST(Insertion, LeavesLessUndercutThanTheOcclusalNormal) {
-  const auto design = designed(inputs());
+  const auto& design = plain_design();
   ASSERT_TRUE(design.has_value());
   const Insertion& found = design->insertion;
   EXPECT_LE(found.tilt_deg, 15.0 + 1e-6);
