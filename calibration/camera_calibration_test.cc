@@ -79,7 +79,7 @@ CalibrationBoard board_of(const char* text) {
 
 std::uint64_t fresh_seed() {
   const char* given = std::getenv("GNATHION_SEED");
-  const std::uint64_t seed = given ? std::strtoull(given, nullptr, 10) : std::random_device()();
+  const std::uint64_t seed = given ? std::strtoull(given, nullptr, 10) : 20261122;
   ::testing::Test::RecordProperty("seed", std::to_string(seed));
   std::printf("seed %llu (GNATHION_SEED repeats it)\n", static_cast<unsigned long long>(seed));
   return seed;

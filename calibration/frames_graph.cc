@@ -227,7 +227,10 @@ std::vector<FrameLoop> FramesGraph::loops() const {
       loop.at_teeth_mm = std::max(loop.at_teeth_mm, (around.to_from_from * p - p).norm());
     if (around.covariance) {
       const Vector6 xi = log_se3(around.to_from_from);
-      const double chi2 = std::max(0.0, xi.dot(around.covariance->ldlt().solve(xi)));
+      // Edges that claim to be exact leave nothing to weigh by: any opening contradicts them.
+      const Eigen::LLT<Matrix6> factor(*around.covariance);
+      const double open = xi.norm() > 1e-9 ? 1e9 : 0.0;
+      const double chi2 = factor.info() == Eigen::Success ? std::min(1e9, xi.dot(factor.solve(xi))) : open;
       loop.mahalanobis = std::sqrt(chi2);
       // Survival function of χ² with 6 degrees of freedom, in closed form.
       loop.p_value = std::exp(-0.5 * chi2) * (1.0 + 0.5 * chi2 + 0.125 * chi2 * chi2);

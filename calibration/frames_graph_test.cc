@@ -161,6 +161,20 @@ TEST(FramesGraph, TheEdgeThatContradictsIsNamed) {
   EXPECT_NE(text.find("inconsistent cbct <- head_frame"), std::string::npos) << text;
 }
 
+TEST(FramesGraph, EdgesThatClaimToBeExactAreContradictedByAnyOpening) {
+  FramesGraph graph;
+  FrameEdge edge;
+  edge.to = "a";
+  edge.from = "b";
+  edge.covariance = Matrix6::Zero();
+  ASSERT_TRUE(graph.add(edge));
+  edge.to_from_from = Rigid3::from_translation({5, 0, 0});
+  ASSERT_TRUE(graph.add(edge));
+  const auto loops = graph.loops();
+  ASSERT_EQ(loops.size(), 1u);
+  EXPECT_LT(loops.front().p_value, 1e-6);
+}
+
 TEST(FramesGraph, UnknownCovarianceIsSaidAndAvoided) {
   World w(3);
   w.link("bow", "dental", 0.02);

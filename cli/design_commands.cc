@@ -79,10 +79,20 @@ Result<SplintParameters> effective_parameters(const ParameterOptions& o, const S
   return p;
 }
 
+/// Edits of the --config file; they take the place of `base` where there are any.
+Result<SplintEdits> effective_edits(const ParameterOptions& o, const SplintEdits& base = {}) {
+  if (o.config.empty()) return base;
+  GNATHION_TRY(const std::string text, read_file(o.config));
+  GNATHION_TRY(SplintEdits edits, parse_edits(text, o.config));
+  return edits.empty() ? base : edits;
+}
+
 CommandOutput design_output(const DesignOutcome& outcome, const std::string& where) {
   std::string text;
   if (!outcome.design) {
-    text = fmt::format("not realizable: {}\n", joined(outcome.feasibility.violated()));
+    const auto violated = outcome.feasibility.violated();
+    text = violated.empty() ? fmt::format("fail: {}\n", joined((*outcome.report)["violated"]))
+                            : fmt::format("not realizable: {}\n", joined(violated));
   } else {
     const SplintVerification& v = outcome.design->verification;
     text = fmt::format(
@@ -128,14 +138,13 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
   finish_command(
       *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
         GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
-        if (!o->parameters.config.empty()) {
-          GNATHION_TRY(const std::string config, read_file(o->parameters.config));
-          GNATHION_TRY(o->job.edits, parse_edits(config, o->parameters.config));
-        }
+        GNATHION_TRY(o->job.edits, effective_edits(o->parameters));
         o->job.arch = o->arch == "maxilla" ? Arch::kMaxilla : Arch::kMandible;
         o->job.mandible_is_in_tp = o->pose == "tp";
         o->job.pictures = !o->no_pictures;
-        GNATHION_CHECK_OK(keeps_inputs(o->out, input_paths(o->job)));
+        std::vector<std::string> inputs = input_paths(o->job);
+        inputs.push_back(o->parameters.config);
+        GNATHION_CHECK_OK(keeps_inputs(o->out, inputs));
         GNATHION_TRY(StagedDirectory staged,
                      StagedDirectory::create(o->out, common.force, {"design.json", "feasibility.json"}));
         GNATHION_TRY(const DesignOutcome outcome, run_design(o->job, staged.path(), progress));
@@ -161,6 +170,7 @@ void add_run(CLI::App& app, ChosenCommand& chosen) {
                    RunOptions run;
                    GNATHION_TRY(const CaseFile files, read_case(o->folder));
                    GNATHION_TRY(run.parameters, effective_parameters(o->parameters, files.parameters));
+                   GNATHION_TRY(run.edits, effective_edits(o->parameters, files.edits));
                    run.force = common.force;
                    run.accept_slip = o->accept_slip;
 

@@ -13,6 +13,7 @@ namespace gnathion {
 namespace {
 
 constexpr double kContactFadeMm = 0.4;
+constexpr double kDeepestMm = 1.0;  // the body's distance is known this far out
 constexpr const char* kWhat = "cannot read edits";
 
 constexpr std::pair<const char*, Stroke::Kind> kKinds[] = {
@@ -68,7 +69,7 @@ Result<Stroke> stroke_of(const toml::table& entry, const std::string& where) {
   stroke.kind = known->second;
   GNATHION_TRY(stroke.path_mm, points_of(entry, "path_mm", 1, where));
   GNATHION_TRY(stroke.radius_mm, number_of(entry, "radius_mm", stroke.radius_mm, 0.5, 10.0, where));
-  GNATHION_TRY(stroke.depth_mm, number_of(entry, "depth_mm", stroke.depth_mm, 0.0, 5.0, where));
+  GNATHION_TRY(stroke.depth_mm, number_of(entry, "depth_mm", stroke.depth_mm, 0.0, kDeepestMm, where));
   if (stroke.kind != Stroke::Kind::kSmooth && stroke.depth_mm > 0.5 * stroke.radius_mm)
     return bad_input(kWhat, where, "depth_mm is more than half of radius_mm: the surface would fold");
   return stroke;
@@ -193,14 +194,20 @@ bool EditField::smooths() const {
 }
 
 double EditField::stroked(const Vector3& p, double body_mm, double smoothed_mm) const {
+  double moved_mm = 0.0;  // by the strokes before: a smoothing stroke keeps what they did
   for (const Stroke& s : strokes_) {
     const double weight = faded(distance_to_path_mm(s.path_mm, p) / s.radius_mm);
     if (weight <= 0.0) continue;
-    if (s.kind == Stroke::Kind::kAdd) body_mm -= weight * s.depth_mm;
-    if (s.kind == Stroke::Kind::kRemove) body_mm += weight * s.depth_mm;
-    if (s.kind == Stroke::Kind::kSmooth) body_mm += weight * (smoothed_mm - body_mm);
+    double by_mm = weight * s.depth_mm;
+    if (s.kind == Stroke::Kind::kAdd) by_mm = -by_mm;
+    if (s.kind == Stroke::Kind::kSmooth)
+      by_mm = weight * std::clamp(smoothed_mm - body_mm, -s.depth_mm, s.depth_mm);
+    if (s.kind == Stroke::Kind::kSmooth)
+      body_mm += by_mm;
+    else
+      moved_mm += by_mm;
   }
-  return body_mm;
+  return body_mm + moved_mm;
 }
 
 double EditField::outside_mm(const std::vector<Outline>& outlines, const Vector3& p) {

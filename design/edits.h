@@ -22,7 +22,8 @@ struct Stroke {
   Kind kind = Kind::kAdd;
   std::vector<Vector3> path_mm;  ///< at least one point
   double radius_mm = 2.0;        ///< 0.5 to 10
-  double depth_mm = 0.3;         ///< at the path; at most 0.5·radius_mm, so that the surface does not fold
+  double depth_mm =
+      0.3;  ///< at the path; up to 1, and at most 0.5·radius_mm, so that the surface does not fold
 };
 
 /// A region of the arch: what lies inside its outline, seen along the seating direction.

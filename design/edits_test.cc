@@ -74,6 +74,24 @@ TEST(Edits, FadeFromThePathAndFollowEachOther) {
   EXPECT_DOUBLE_EQ(field.without_contact({3, 0, 0}), 1.0);
 }
 
+TEST(Edits, SmoothingKeepsWhatWasAddedBefore) {
+  const EditField field(parse_edits(R"(
+[[design.stroke]]
+kind = "add"
+path_mm = [[0, 0, 0]]
+depth_mm = 0.4
+[[design.stroke]]
+kind = "smooth"
+path_mm = [[0, 0, 0]]
+depth_mm = 0.2
+)",
+                                    "x")
+                            .value(),
+                        Rigid3::identity());
+  EXPECT_DOUBLE_EQ(field.stroked({0, 0, 0}, 0.1, 0.15), 0.15 - 0.4);
+  EXPECT_DOUBLE_EQ(field.stroked({0, 0, 0}, 0.1, 0.9), 0.3 - 0.4);  // by its depth at most
+}
+
 TEST(Edits, GoWithTheirFrame) {
   const Rigid3 place = Rigid3::from_translation({5, 0, 0});
   const EditField field(parse_edits(kEdits, "x").value(), place);

@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kRestMm = 0.3;      // nearer to the start than this is a rest, and its noise
 constexpr double kSpacingMm = 0.25;  // between poses, on the arch: a cusp of 1 mm leaves scallops of 0.01 mm
+constexpr double kGapMm = 4.0;       // farther apart than this frames do not follow each other
 constexpr double kFarOpenMm = 6.0;   // every point of the arch this far down: nothing meets
 constexpr double kRampMm = 2.0;      // over which the disclusion grows
 constexpr double kBodyMm = 1.0;      // relief is known this far outside of the body
@@ -39,6 +40,25 @@ bool far_open(const Rigid3& motion, const Marks& marks, const Vector3& up) {
                      [&](const Vector3& m) { return up.dot(m - motion * m) > kFarOpenMm; });
 }
 
+/// With places between those that follow each other, so that no ridge stays between two frames of a fast
+/// movement. Across a gap in the recording nothing is invented.
+std::vector<Rigid3> filled_in(const std::vector<Rigid3>& motions, const Marks& marks) {
+  std::vector<Rigid3> out;
+  for (std::size_t i = 0; i < motions.size(); ++i) {
+    if (i > 0) {
+      const Rigid3 step = motions[i] * motions[i - 1].inverse();
+      Marks before;
+      for (std::size_t m = 0; m < marks.size(); ++m) before[m] = motions[i - 1] * marks[m];
+      const double way = way_mm(step, before);
+      const int between = way < kGapMm ? static_cast<int>(way / kSpacingMm) : 0;
+      for (int k = 1; k <= between; ++k)
+        out.push_back(exp_se3(log_se3(step) * (static_cast<double>(k) / (between + 1))) * motions[i - 1]);
+    }
+    out.push_back(motions[i]);
+  }
+  return out;
+}
+
 /// One of those that lie within the spacing of each other, in order.
 std::vector<Rigid3> thinned(const std::vector<Rigid3>& motions, const ArchFrame& arch) {
   const Marks marks = marks_of(arch);
@@ -61,8 +81,9 @@ std::vector<Rigid3> straight_excursions(const ArchFrame& arch, const SplintParam
   std::vector<Rigid3> out;
   const auto along = [&](const Vector3& level, double down_deg) {
     const Vector3 direction = std::cos(down_deg * kRadians) * level - std::sin(down_deg * kRadians) * arch.up;
-    for (double way = kRestMm; way <= p.excursion_mm; way += kSpacingMm)
+    for (double way = kRestMm; way < p.excursion_mm; way += kSpacingMm)
       out.push_back(Rigid3::from_translation(way * direction));
+    out.push_back(Rigid3::from_translation(p.excursion_mm * direction));
   };
   along(arch.anterior, p.protrusion_deg);
   along(arch.left, p.laterotrusion_deg);
@@ -83,10 +104,13 @@ GridShape widened(const GridShape& shape, double by_mm) {
 
 std::vector<FreePose> free_poses(const SplintInputs& inputs, const ArchFrame& arch,
                                  const Rigid3& design_from_dental, const SplintParameters& p) {
-  std::vector<Rigid3> motions = inputs.excursions;
-  if (motions.empty() && p.excursion_mm > 0.0) motions = straight_excursions(arch, p);
   const Marks marks = marks_of(arch);
   const Rigid3 th = inputs.therapeutic.rigid;
+  std::vector<Rigid3> motions =
+      inputs.excursions.empty() ? std::vector<Rigid3>() : filled_in(inputs.excursions, marks);
+  if (motions.empty() && p.excursion_mm > 0.0)
+    for (const Rigid3& straight : straight_excursions(arch, p))
+      motions.push_back(th.inverse() * straight * th);  // straight as seen from the maxilla, in TP
   std::vector<FreePose> poses;
   for (const Rigid3& motion : thinned(motions, arch)) {
     // On the mandible it is the maxilla that passes, and both are told from its place in TP.

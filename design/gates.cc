@@ -31,6 +31,7 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_least("wall_min_mm", v.thickness.min_mm, p.aperture_limit_mm - kWallToleranceMm));
   gates.push_back(at_least("side_wall_p01_mm", side_wall_p01_mm, p.wall_mm - kWallToleranceMm));
   if (v.freedom) gates.push_back(at_most("excursions_depth_mm", v.freedom->deepest_mm, kExcursionMm));
+  if (!v.seating_note.empty()) gates.push_back({"predicted_seating_at_rest", 0.0, 1.0, false, false});
   if (v.predicted_seating) {
     gates.push_back(at_most("predicted_seating_t_mm", v.predicted_seating->t_mm, kSeatingMm, false));
     gates.push_back(

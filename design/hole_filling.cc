@@ -10,7 +10,6 @@
 namespace gnathion {
 namespace {
 
-constexpr double kRimWidthMm = 15.0;
 constexpr std::size_t kLargestExactLoop = 80;
 
 using Loop = std::vector<std::uint32_t>;
@@ -96,8 +95,8 @@ void close_rim(TriangleMesh& mesh, const Loop& loop, const Vector3& away) {
 
 }  // namespace
 
-TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away,
-                             std::vector<std::string>* filled) {
+TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled,
+                             double rim_width_mm) {
   TriangleMesh solid;
   solid.vertices_mm = mesh.vertices_mm;
   solid.triangles = mesh.triangles;
@@ -109,7 +108,7 @@ TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away,
     Box box;
     for (const std::uint32_t v : loop) box.extend(solid.vertices_mm[v]);
     const double width_mm = box.size_mm().norm();
-    if (width_mm > kRimWidthMm) {
+    if (width_mm > rim_width_mm) {
       close_rim(solid, loop, away);
       continue;
     }

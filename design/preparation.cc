@@ -139,9 +139,10 @@ GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, cons
   return shape;
 }
 
+constexpr double kStampHoleMm = 4.0;   // wider openings are rims of patches
 constexpr double kStampReachMm = 6.0;  // a given S_occ lies this near to the crowns
 
-/// The given S_occ as a solid: turned to face the opposing arch, extruded towards the gingiva.
+/// The given S_occ as a solid: extruded towards the gingiva. It must face the opposing arch.
 Result<TriangleMesh> stamp_solid(const TriangleMesh& surface_dental, const Rigid3& design_from_dental,
                                  const Box& crowns) {
   TriangleMesh surface = transformed(design_from_dental, surface_dental);
@@ -156,9 +157,10 @@ Result<TriangleMesh> stamp_solid(const TriangleMesh& surface_dental, const Rigid
   }
   double facing = 0.0;  // area towards the opposing arch, less the area that looks away
   for (std::size_t t = 0; t < surface.triangles.size(); ++t) facing -= face_normal_scaled(surface, t).z();
-  if (facing < 0.0)
-    for (Triangle& t : surface.triangles) std::swap(t[1], t[2]);
-  return closed_to_solid(surface, Vector3::UnitZ(), nullptr);
+  if (facing <= 0.0) return refuse("it looks away from the opposing arch: inside out, or of the other arch");
+  TriangleMesh solid = closed_to_solid(surface, Vector3::UnitZ(), nullptr, kStampHoleMm);
+  if (signed_volume_mm3(solid) <= 0.0) return refuse("it encloses nothing: patches with mixed normals?");
+  return solid;
 }
 
 }  // namespace

@@ -18,9 +18,10 @@
 namespace gnathion {
 
 /// Closes an open scan to a solid. Small boundary loops (scan holes) are filled with least area; loops wider
-/// than 15 mm (the rim of the scan) are extruded along `away` (unit, from the crowns to the base) and capped
-/// flat. `filled` receives one line per hole wider than 1 mm.
-TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled);
+/// than `rim_width_mm` (the rim of the scan) are extruded along `away` (unit, from the crowns to the base)
+/// and capped flat. `filled` receives one line per hole wider than 1 mm.
+TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled,
+                             double rim_width_mm = 15.0);
 
 /// The local occlusal level of an arch: a ruled surface that rests on the crowns from the occlusal side,
 /// along the curve of Spee and tilted across the arch with the crowns (curve of Wilson; tipped molars). By

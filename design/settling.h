@@ -35,7 +35,7 @@ struct Settled {
 };
 
 /// Minimum of the potential of the force and of a stiff elastic foundation on the touching area (Winkler;
-/// `stiffness_n_per_mm3`), by damped Newton steps on SE(3). Touch points keep their planes: valid for
+/// `stiffness_n_per_mm3`), by damped Newton steps. Touch points keep their planes: valid for
 /// movements of a few tenths of a millimetre. What neither force nor touch determines stays as it is.
 Settled settled(const std::vector<TouchPoint>& points, const PressingForce& force,
                 double stiffness_n_per_mm3 = 2e5);

@@ -94,6 +94,9 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     design.arch = preparation.arch;
     design.insertion = preparation.insertion;
     design.edits = inputs.edits;
+    if (preparation.free_poses.empty() && (!inputs.excursions.empty() || parameters.excursion_mm > 0.0))
+      design.warnings.push_back(
+          "excursions were asked for, and none leaves TP by more than 0.3 mm: nothing is relieved");
     design.warnings = preparation.warnings;
 
     steps.begin("shells and stamp", 0.25);

@@ -67,6 +67,7 @@ Result<CaseFile> read_case(const std::filesystem::path& folder) {
   }
   if (t.contains("design")) {
     GNATHION_TRY(c.parameters, read_parameters(c.toml()));
+    GNATHION_TRY(c.edits, parse_edits(text, c.toml().string()));
   }
   c.kind = t["case"]["kind"].value_or(std::string("patient"));
   if (c.maxilla_mi.empty() || c.mandible_mi.empty())

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/result.h"
+#include "design/edits.h"
 #include "design/parameters.h"
 
 namespace gnathion {
@@ -18,6 +19,7 @@ struct CaseFile {
   std::filesystem::path rig, recording;
   std::filesystem::path truth;  ///< phantoms only
   SplintParameters parameters;  ///< [design], over the defaults
+  SplintEdits edits;            ///< [[design.stroke]] and the like
 
   std::filesystem::path toml() const { return folder / "case.toml"; }
 };

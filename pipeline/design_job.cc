@@ -32,6 +32,8 @@ nlohmann::json refusal_json(const DesignJob& job, const DesignInputs& inputs, co
   return {{"verdict", verdict_name(feasibility.verdict)},
           {"violated", feasibility.violated()},
           {"parameters", parameters_json(job.parameters)},
+          {"edits", edits_json(job.edits)},
+          {"arch", job.arch == Arch::kMaxilla ? "maxilla" : "mandible"},
           {"inputs", files},
           {"version", kVersion},
           {"timing_s", {{"total", total_s}}},
@@ -64,7 +66,9 @@ Result<JawMotion> read_dental_motion(const fs::path& path, const fs::path& calib
   GNATHION_TRY(const SessionMotion session, to_session_motion(poses, path.string()));
   GNATHION_TRY(const json chain_file, read_json(calibration));
   GNATHION_TRY(const Chain chain, chain_from_json(chain_file, calibration.string()));
-  GNATHION_TRY(const JawPositions positions, find_jaw_positions(session, {}));
+  GNATHION_TRY(const JawPositions positions, find_mi(session, {}));
+  if (!positions.closes())
+    return bad_input("cannot use motion", path.string(), "MI does not close: bow or head frame slipped");
   return jaw_motion(session, positions.head_from_bow_mi.value, chain.t_d());
 }
 
@@ -106,7 +110,7 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
       file.path = fs::path(file.path).lexically_relative(job.shown_folder).string();
   if (!job.shown_transform.empty()) in.files.back().path = job.shown_transform.string();
   if (!job.occlusal_surface.empty()) {
-    GNATHION_TRY(in.splint.occlusal_surface, read_jaw(job.occlusal_surface));
+    GNATHION_TRY(in.splint.occlusal_surface, read_mesh(job.occlusal_surface));
     GNATHION_TRY(InputRecord record, record_of(job.occlusal_surface));
     in.files.push_back(std::move(record));
   }

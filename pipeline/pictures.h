@@ -10,7 +10,7 @@
 
 namespace gnathion {
 
-/// splint_on_maxilla.png, splint_from_below.png, jaws_in_tp.png, section_molar.png, section_premolar.png and
+/// splint_on_maxilla.png (or _mandible), splint_cavity.png, jaws_in_tp.png, jaws_in_tp_right.png, section_molar.png, section_premolar.png and
 /// section_incisor.png into `folder` (made if needed).
 Status draw_design(const SplintInputs& inputs, const SplintDesign& design,
                    const std::filesystem::path& folder);

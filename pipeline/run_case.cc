@@ -123,6 +123,7 @@ Status design_of(const CaseFile& files, const RunOptions& options, const fs::pat
   job.shown_folder = files.folder;
   job.transform = out / "T_th.json";
   job.parameters = options.parameters;
+  job.edits = options.edits;
   GNATHION_TRY(r.design, run_design(job, out, designing));
   return {};
 }

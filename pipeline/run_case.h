@@ -32,6 +32,7 @@ struct CaseResults {
 
 struct RunOptions {
   SplintParameters parameters;
+  SplintEdits edits;
   bool force = false;        ///< replace CASE/results
   bool accept_slip = false;  ///< go on although MI does not close
 };

@@ -26,7 +26,7 @@ json plateau_json(const Plateau& p) {
 
 /// A jaw that moves is in neither position: the mean over it would be a number without meaning.
 Status check_rests(const JawPositions& positions, const PlateauOptions& options) {
-  constexpr double kLargestDispersion_mm = 0.3;
+  constexpr double kLargest_mm = 0.25;  // of the median: single frames may be off, and a mark early
   const auto refuse = [](const Plateau& p, const std::string& why) {
     return bad_input("cannot average MI and TP", fmt::format("{:.2f}..{:.2f} s", p.start_s, p.end_s), why);
   };
@@ -35,9 +35,11 @@ Status check_rests(const JawPositions& positions, const PlateauOptions& options)
                      "at least one of them has too few valid frames");
   for (const auto* plateaus : {&positions.mi, &positions.tp})
     for (const Plateau& p : *plateaus)
-      if (p.dispersion_mm > kLargestDispersion_mm)
-        return refuse(p, fmt::format("the jaw does not rest: {:.2f} mm of dispersion, {:.2f} allowed",
-                                     p.dispersion_mm, kLargestDispersion_mm));
+      if (p.typical_mm > kLargest_mm)
+        return refuse(
+            p, fmt::format("the jaw does not rest: half of its places are more than {:.2f} mm from the "
+                           "mean, {:.2f} allowed",
+                           p.typical_mm, kLargest_mm));
   for (const Plateau& mi : positions.mi)
     for (const Plateau& tp : positions.tp)
       if (mi.start_s < tp.end_s && tp.start_s < mi.end_s)

@@ -76,16 +76,38 @@ std::optional<std::vector<RoughCorner>> find_chessboard(const Image8& image, con
   return corners;
 }
 
-std::array<int, 2> measure_chessboard(const Image8& image) {
+namespace {
+/// The board that OpenCV grows from at least `least` inner corners; zeros: none.
+std::array<int, 2> grown_chessboard(const Image8& image, std::array<int, 2> least) {
   cv::Mat corners, meta;
   try {
     if (cv::findChessboardCornersSB(
-            as_mat(image), cv::Size(3, 3), corners,
+            as_mat(image), cv::Size(least[0], least[1]), corners,
             cv::CALIB_CB_LARGER | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE, meta))
       return {std::max(meta.cols, meta.rows), std::min(meta.cols, meta.rows)};
   } catch (const cv::Exception&) {
   }
   return {0, 0};
+}
+}  // namespace
+
+std::array<int, 2> measure_chessboard(const Image8& image) {
+  constexpr int kLargest = 30;
+  std::array<int, 2> found = grown_chessboard(image, {3, 3});
+  // It stops at the first board that it can close, now and then short of the whole: larger ones are asked
+  // for.
+  for (bool more = found[0] > 0; more && found[0] < kLargest;) {
+    more = false;
+    for (const std::array<int, 2>& least :
+         {std::array<int, 2>{found[0] + 1, found[1]}, {found[0], found[1] + 1}}) {
+      const std::array<int, 2> larger = grown_chessboard(image, least);
+      if (larger[0] * larger[1] <= found[0] * found[1]) continue;
+      found = larger;
+      more = true;
+      break;
+    }
+  }
+  return found;
 }
 
 }  // namespace gnathion::board

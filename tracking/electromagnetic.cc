@@ -87,14 +87,16 @@ class Readings {
 
   Status check() const {
     for (const auto& [name, readings] : streams_) {
-      std::size_t valid = 0;
-      double farthest = 0;
+      std::vector<double> distances_mm;
       for (const Reading& r : readings) {
         if (!r.valid) continue;
-        ++valid;
-        farthest = std::max(farthest, r.pose.translation_mm.norm());
+        distances_mm.push_back(r.pose.translation_mm.norm());
       }
-      if (valid == 0) return bad_input(kWhat, name, "no valid pose of it" + streams_seen());
+      if (distances_mm.empty()) return bad_input(kWhat, name, "no valid pose of it" + streams_seen());
+      // Nearly the farthest: one wild reading says nothing about the unit.
+      const auto rank = distances_mm.begin() + static_cast<std::ptrdiff_t>(distances_mm.size() * 19 / 20);
+      std::nth_element(distances_mm.begin(), rank, distances_mm.end());
+      const double farthest = *rank;
       if (farthest < 10)
         return bad_input(
             kWhat, name,

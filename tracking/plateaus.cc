@@ -43,12 +43,17 @@ Transform<Camera, HeadFrame> mean_head(const std::vector<const MotionRow*>& rows
 void tell_dispersion(const std::vector<const MotionRow*>& rows, const PlateauOptions& options,
                      Plateau* plateau) {
   double squares_mm2 = 0, squares_rad2 = 0;
+  std::vector<double> distances_mm;
   const Rigid3& mean = plateau->head_from_bow.value.rigid;
   for (const MotionRow* row : rows) {
     const Rigid3 pose = row->head_from_bow().rigid;
-    squares_mm2 += (pose * options.point_in_bow_mm - mean * options.point_in_bow_mm).squaredNorm();
+    distances_mm.push_back((pose * options.point_in_bow_mm - mean * options.point_in_bow_mm).norm());
+    squares_mm2 += distances_mm.back() * distances_mm.back();
     squares_rad2 += std::pow((mean.inverse() * pose).angle_rad(), 2);
   }
+  const auto middle = distances_mm.begin() + static_cast<std::ptrdiff_t>(distances_mm.size() / 2);
+  std::nth_element(distances_mm.begin(), middle, distances_mm.end());
+  plateau->typical_mm = *middle;
   const double n = static_cast<double>(rows.size());
   plateau->dispersion_mm = std::sqrt(squares_mm2 / n);
   plateau->dispersion_deg = std::sqrt(squares_rad2 / n) / kDeg;

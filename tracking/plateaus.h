@@ -22,6 +22,7 @@ struct Plateau {
   Transform<Camera, HeadFrame> camera_from_head;  ///< mean over the plateau
   double dispersion_mm = 0;  ///< RMS distance of single frames from the mean, at the reference point
   double dispersion_deg = 0;
+  double typical_mm = 0;  ///< median of those distances: one glitch or an early mark hardly moves it
   double effective_frames = 0;
   double sigma_mm = 0;  ///< of the mean at the reference point, RMS of the axes' sum
   int rank = 0;         ///< among the rests of its position: 1 has the least sigma

@@ -248,6 +248,53 @@ TEST(JawPositions, AreFoundWithoutMarks) {
   EXPECT_LE((p->bow_motion.value * incisal - truth * incisal).norm(), 0.05);
 }
 
+TEST(JawPositions, OneGlitchInAMarkMovesItsMeanAndItsTypicalDistanceLittle) {
+  Scripted s = scripted(71);
+  press(&s.session, "MI", 0.6, 1.4);
+  press(&s.session, "TP", 3.0, 4.0);
+  for (MotionRow& row : s.session.rows)
+    if (row.valid() && row.capture.ns > 1'000'000'000) {
+      row.bow.camera_from_body = row.bow.camera_from_body * Rigid3::from_translation({0, 5, 0});
+      break;
+    }
+  PlateauOptions options;
+  options.point_in_bow_mm = kIncisal;
+  const auto found = find_jaw_positions(s.session, options);
+  ASSERT_TRUE(found) << found.error().line();
+  EXPECT_GT(found->mi.front().dispersion_mm, 0.3);
+  EXPECT_LT(found->mi.front().typical_mm, 0.1);
+  EXPECT_LT((found->head_from_bow_mi.value * kIncisal - s.mi * kIncisal).norm(), 0.02);
+}
+
+TEST(JawPositions, AreFoundWithASlowCamera) {
+  Scripted s = scripted(72);
+  std::vector<MotionRow> slow;  // 15 frames a second
+  for (std::size_t i = 0; i < s.session.rows.size(); i += 4) slow.push_back(s.session.rows[i]);
+  s.session.rows = slow;
+  PlateauOptions options;
+  options.point_in_bow_mm = kIncisal;
+  const auto found = find_jaw_positions(s.session, options);
+  ASSERT_TRUE(found) << found.error().line();
+  EXPECT_LT((found->head_from_bow_mi.value * kIncisal - s.mi * kIncisal).norm(), 0.05);
+  EXPECT_LT((found->head_from_bow_tp.value * kIncisal - s.tp * kIncisal).norm(), 0.05);
+}
+
+TEST(JawPositions, MiIsNotLookedForWhereTpWasMarked) {
+  // TP is rested at twice as often as MI; only it is marked.
+  Scripted s = scripted(73);
+  for (MotionRow& row : s.session.rows) {
+    const double t = static_cast<double>(row.capture.ns) * 1e-9;
+    if (t > 5.8 && row.valid())
+      row.bow.camera_from_body = row.head.camera_from_body * s.tp;
+  }
+  press(&s.session, "TP", 3.0, 4.0);
+  PlateauOptions options;
+  options.point_in_bow_mm = kIncisal;
+  const auto found = find_jaw_positions(s.session, options);
+  ASSERT_TRUE(found) << found.error().line();
+  EXPECT_LT((found->head_from_bow_mi.value * kIncisal - s.mi * kIncisal).norm(), 0.05);
+}
+
 TEST(JawPositions, ASlippedBowDoesNotClose) {
   Scripted s = scripted(5, 0.15);
   press(&s.session, "MI", 0.5, 1.5);

@@ -33,11 +33,20 @@ std::vector<Placed> place(const SessionMotion& session, const PlateauOptions& op
 /// Speed at a row from the means of the rows before and after it, within a tenth of a second each. Rotation
 /// counts by what it does 80 mm away: a jaw that turns about the reference point does not rest.
 std::optional<double> speed_mm_s(const std::vector<Placed>& rows, std::size_t i) {
-  constexpr double kHalf_s = 0.1, kLever_mm = 80;
+  constexpr double kHalf_s = 0.1, kWidest_s = 0.4, kLever_mm = 80;
   std::size_t from = i, to = i;
   while (from > 0 && rows[i].time_s - rows[from - 1].time_s <= kHalf_s) --from;
   while (to + 1 < rows.size() && rows[to + 1].time_s - rows[i].time_s <= kHalf_s) ++to;
-  if (to - from < 4) return std::nullopt;
+  // Slow cameras: the nearest rows, as long as they are near in time.
+  const auto near = [&](std::size_t k) { return std::abs(rows[k].time_s - rows[i].time_s) <= kWidest_s; };
+  while (to - from < 4) {
+    const bool down = from > 0 && near(from - 1), up = to + 1 < rows.size() && near(to + 1);
+    if (!down && !up) return std::nullopt;
+    if (down && (!up || i - from <= to - i))
+      --from;
+    else
+      ++to;
+  }
   // Least-squares slope of position over time, and the turn from end to end.
   double mean_t = 0;
   Vector3 mean_p = Vector3::Zero();
@@ -111,7 +120,14 @@ Status label_mi(const std::vector<Plateau>& rests, const PlateauOptions& options
   if (!positions->mi.empty()) return {};
   if (rests.empty())
     return bad_input(kWhat, "session", "no marks, no intervals given, and the jaw never rests");
-  const std::vector<RestPlace> places = rank_places(rests, options);
+  std::vector<RestPlace> places = rank_places(rests, options);
+  if (!positions->tp.empty())  // marked: no place to look for MI
+    places.erase(std::remove_if(places.begin(), places.end(),
+                                [&](const RestPlace& p) {
+                                  return same_place(rests[p.rests.front()], positions->tp.front(), options);
+                                }),
+                 places.end());
+  if (places.empty()) return bad_input(kWhat, "session", "no MI: every rest is at the marked TP");
   for (const std::size_t i : places.front().rests) positions->mi.push_back(rests[i]);
   positions->notes.push_back(
       fmt::format("MI was not marked: taken as the rest that is visited most often, {} times",
@@ -133,7 +149,8 @@ Status label_tp(const std::vector<Plateau>& rests, const PlateauOptions& options
                               }),
                places.end());
   if (places.empty())
-    return bad_input(kWhat, "session", rests.empty() ? "no TP: the jaw never rests" : "no TP: every rest is at MI");
+    return bad_input(kWhat, "session",
+                     rests.empty() ? "no TP: the jaw never rests" : "no TP: every rest is at MI");
   const auto longest =
       std::max_element(places.begin(), places.end(),
                        [](const RestPlace& a, const RestPlace& b) { return a.rested_s < b.rested_s; });

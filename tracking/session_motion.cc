@@ -128,6 +128,7 @@ class CounterBook {
     std::uint32_t sequence;
     HostTime capture;
     std::string reason;
+    double period_s;  ///< of the camera there
   };
 
   void frame(const SampleHeader& header) { frames_.emplace_back(header.sequence, header.capture); }
@@ -157,7 +158,8 @@ class CounterBook {
       (rejected ? ledger->rejected : ledger->missing) += 1;
       const std::string why =
           known == told_.end() || known->second.second.empty() ? "counter gap" : known->second.second;
-      lost.push_back({s, time_of(s), (rejected ? "rejected: " : "missing: ") + why});
+      const auto [capture, period_s] = time_of(s);
+      lost.push_back({s, capture, (rejected ? "rejected: " : "missing: ") + why, period_s});
     }
     return lost;
   }
@@ -165,17 +167,19 @@ class CounterBook {
  private:
   static constexpr std::uint32_t kMostInOneGap = 100000;
 
-  HostTime time_of(std::uint32_t sequence) const {
+  /// When a lost frame was taken, and the period there.
+  std::pair<HostTime, double> time_of(std::uint32_t sequence) const {
     if (frames_.empty()) return {};
     auto after = std::lower_bound(frames_.begin(), frames_.end(), sequence,
                                   [](const auto& f, std::uint32_t s) { return f.first < s; });
-    if (frames_.size() < 2) return frames_.front().second;
+    if (frames_.size() < 2) return {frames_.front().second, 1.0};
     after = std::clamp(after, frames_.begin() + 1, frames_.end() - 1);
     const auto before = after - 1;
     const double period = static_cast<double>(after->second.ns - before->second.ns) /
                           std::max(1.0, static_cast<double>(after->first) - before->first);
     const double ahead = static_cast<double>(sequence) - static_cast<double>(before->first);
-    return {before->second.ns + static_cast<std::int64_t>(std::llround(ahead * period))};
+    return {HostTime{before->second.ns + static_cast<std::int64_t>(std::llround(ahead * period))},
+            std::abs(period) * 1e-9};
   }
 
   std::vector<std::pair<std::uint32_t, HostTime>> frames_;
@@ -189,7 +193,8 @@ void add_missing_rows(const std::vector<CounterBook::Lost>& lost, double same_in
   const auto before = [](const MotionRow& row, HostTime t) { return row.capture < t; };
   for (const auto& l : lost) {
     // Interpolated times are less sure than captured ones: a wider tolerance.
-    const std::int64_t slack = std::llround(2e9 * same_instant_s);
+    // But never so wide that the camera's own next frame stands for it.
+    const std::int64_t slack = std::llround(1e9 * std::min(2.0 * same_instant_s, 0.4 * l.period_s));
     const auto near = std::lower_bound(rows->begin(), rows->end(), HostTime{l.capture.ns - slack}, before);
     if (near != rows->end() && near->capture.ns <= l.capture.ns + slack) continue;
     MotionRow row;

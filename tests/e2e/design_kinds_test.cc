@@ -130,22 +130,46 @@ TEST(GivenOcclusalSurface, IsWhatTheMandibleMeets) {
   EXPECT_LT(gap, 0.33);
 }
 
-TEST(GivenOcclusalSurface, InsideOutIsTheSameSurface) {
+TEST(GivenOcclusalSurface, InsideOutOrOfTheOtherArchIsRefused) {
   SplintInputs in = inputs();
   in.occlusal_surface = occlusal_surface();
   const auto one = prepare(in, {});
+  ASSERT_TRUE(one && one->given_stamp);
+  EXPECT_GT(signed_volume_mm3(one->given_stamp->mesh()), 500.0);
   for (Triangle& t : in.occlusal_surface->triangles) std::swap(t[1], t[2]);
-  const auto other = prepare(in, {});
-  ASSERT_TRUE(one && other && one->given_stamp && other->given_stamp);
-  const double volume_mm3 = signed_volume_mm3(one->given_stamp->mesh());
-  EXPECT_GT(volume_mm3, 500.0);
-  EXPECT_NEAR(signed_volume_mm3(other->given_stamp->mesh()), volume_mm3, 1e-6 * volume_mm3);
+  const auto arch = find_arch(jaws().maxilla, jaws().mandible_mi);
+  const TriangleMesh lower =
+      region_mesh(jaws().mandible_mi, crown_region(jaws().mandible_mi, *arch, Arch::kMandible, 2.0));
+  for (const TriangleMesh& wrong : {*in.occlusal_surface, lower}) {
+    in.occlusal_surface = wrong;
+    const auto refused = prepare(in, {});
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().why.find("looks away"), std::string::npos) << refused.error().line();
+  }
+}
+
+TEST(GivenOcclusalSurface, SmallPatchesAreExtrudedNotCapped) {
+  // A hollow patch of 8 mm in a fossa: its solid reaches up to the gingiva, not across its rim.
+  SplintInputs in = inputs();
+  const TriangleMesh crowns = occlusal_surface();
+  const Vector3 fossa = jaws().landmarks.molar_left_mm;
+  std::vector<bool> near(crowns.triangles.size());
+  for (std::size_t t = 0; t < near.size(); ++t)
+    near[t] = (crowns.corner(t, 0) - fossa).head<2>().norm() < 4.0 && face_normal_scaled(crowns, t).z() < 0.0;
+  in.occlusal_surface = submesh(crowns, near);
+  const auto prepared = prepare(in, {});
+  ASSERT_TRUE(prepared.has_value()) << prepared.error().line();
+  EXPECT_GT(signed_volume_mm3(prepared->given_stamp->mesh()), 60.0);  // some 45 mm² by 2 mm and more
 }
 
 TEST(GivenOcclusalSurface, OfAnotherFrameOrUnitIsRefused) {
-  for (const Rigid3& place : {Rigid3::from_translation({0, 0, 80}), Rigid3::from_translation({150, 0, 0})}) {
+  TriangleMesh metres = occlusal_surface();
+  for (Vector3& v : metres.vertices_mm) v = 0.001 * v + Vector3(0, 0, 60);
+  for (const TriangleMesh& elsewhere :
+       {transformed(Rigid3::from_translation({0, 0, 80}), occlusal_surface()),
+        transformed(Rigid3::from_translation({150, 0, 0}), occlusal_surface()), metres}) {
     SplintInputs in = inputs();
-    in.occlusal_surface = transformed(place, occlusal_surface());
+    in.occlusal_surface = elsewhere;
     const auto design = designed(in);
     ASSERT_FALSE(design.has_value());
     EXPECT_EQ(design.error().code, ErrorCode::kInput);
