@@ -1,11 +1,11 @@
 #include "pipeline/case_file.h"
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include <map>
 
 #include "core/file.h"
+#include "pipeline/toml_file.h"
 
 namespace gnathion {
 namespace {
@@ -37,14 +37,7 @@ Status take_files(const toml::table& table, const std::string& section, const Ro
 Result<CaseFile> read_case(const std::filesystem::path& folder) {
   CaseFile c;
   c.folder = folder;
-  GNATHION_TRY(const std::string text, read_file(c.toml()));
-  toml::table t;
-  try {
-    t = toml::parse(text);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, c.toml().string(),
-                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
-  }
+  GNATHION_TRY(const toml::table t, read_toml(c.toml(), kWhat));
   const std::map<std::string, Roles> sections = {
       {"scans",
        {{"maxilla_mi", &c.maxilla_mi},
@@ -67,6 +60,7 @@ Result<CaseFile> read_case(const std::filesystem::path& folder) {
   }
   if (t.contains("design")) {
     GNATHION_TRY(c.parameters, read_parameters(c.toml()));
+    GNATHION_TRY(const std::string text, read_file(c.toml()));
     GNATHION_TRY(c.edits, parse_edits(text, c.toml().string()));
   }
   c.kind = t["case"]["kind"].value_or(std::string("patient"));

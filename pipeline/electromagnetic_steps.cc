@@ -5,7 +5,6 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include <nlohmann/json.hpp>
 
@@ -13,6 +12,7 @@
 #include "core/file.h"
 #include "core/transform_io.h"
 #include "pipeline/motion_steps.h"
+#include "pipeline/toml_file.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -151,15 +151,8 @@ Result<SensorCalibration> from_points(const fs::path& path) {
 }  // namespace
 
 Result<ElectromagneticSetup> read_electromagnetic(const fs::path& path) {
-  GNATHION_TRY(const std::string text, read_file(path));
   const std::string where = path.string();
-  toml::table t;
-  try {
-    t = toml::parse(text, where);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, where,
-                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
-  }
+  GNATHION_TRY(const toml::table t, read_toml(path, kWhat));
   GNATHION_CHECK_OK(known_keys(t,
                                {"bow", "head", "rigid_pair", "sigma_mm", "sigma_deg", "same_instant_s",
                                 "distortion_sigmas", "distortion_mm", "distortion_deg"},

@@ -1,12 +1,12 @@
 // evaluation.toml (docs/evaluation.md).
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include <functional>
 #include <map>
 
 #include "core/file.h"
 #include "pipeline/evaluate_job.h"
+#include "pipeline/toml_file.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -123,14 +123,7 @@ Reader::Take tables_of(const Reader& r, const Reader::Keys& keys, const std::str
 }  // namespace
 
 Result<EvaluateJob> read_evaluation_file(const fs::path& path) {
-  GNATHION_TRY(const std::string text, read_file(path));
-  toml::table t;
-  try {
-    t = toml::parse(text);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, path.string(),
-                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
-  }
+  GNATHION_TRY(const toml::table t, read_toml(path, kWhat));
   const Reader r{path.string(), path.parent_path()};
   EvaluateJob job;
   job.config = path;

@@ -1,7 +1,6 @@
 #include "pipeline/frames_steps.h"
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include <chrono>
 #include <nlohmann/json.hpp>
@@ -12,6 +11,7 @@
 #include "core/mesh_io.h"
 #include "core/transform_io.h"
 #include "core/utc.h"
+#include "pipeline/toml_file.h"
 #include "registration/align.h"
 
 namespace gnathion {
@@ -255,13 +255,7 @@ Result<FramesGraph> frames_of_run(const CaseFile& files, const CaseResults& resu
 }
 
 Status add_frames_by_hand(const CaseFile& files, FramesGraph& graph) {
-  GNATHION_TRY(const std::string text, read_file(files.toml()));
-  toml::table t;
-  try {
-    t = toml::parse(text);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, files.toml().string(), std::string(e.description()));
-  }
+  GNATHION_TRY(const toml::table t, read_toml(files.toml(), kWhat));
   if (!t.contains("frame")) return {};
   const toml::array* frames = t["frame"].as_array();
   if (frames == nullptr) return bad_input(kWhat, files.toml().string(), "'frame' is not [[frame]]");

@@ -4,12 +4,12 @@
 #include <set>
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "occlusion/arch.h"
 #include "pipeline/motion_analysis.h"
+#include "pipeline/toml_file.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -57,15 +57,8 @@ Result<ReferencePlane> plane_of(const std::string& name, const Points& p, const 
 }  // namespace
 
 Result<JawLandmarks> read_landmarks(const fs::path& path) {
-  GNATHION_TRY(const std::string text, read_file(path));
   const std::string where = path.string();
-  toml::table t;
-  try {
-    t = toml::parse(text, where);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, where,
-                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
-  }
+  GNATHION_TRY(const toml::table t, read_toml(path, kWhat));
   Points points;
   for (const char* key : {"incisal_mm", "molar_left_mm", "molar_right_mm", "condyle_left_mm",
                           "condyle_right_mm", "porion_left_mm", "porion_right_mm", "orbitale_mm"}) {

@@ -13,6 +13,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using testing::render_tags;
+using testing::scene_tags;
 using testing::SceneLook;
 using testing::SceneTag;
 
@@ -48,26 +49,10 @@ Truth truth_at(double t_s) {
   return truth;
 }
 
-void add_scene(const TaggedBody& body, const Rigid3& camera_from_body, std::vector<SceneTag>* tags) {
-  for (const BodyTag& tag : body.tags) {
-    const auto& c = tag.corners_in_body_mm;
-    SceneTag s;
-    s.id = tag.id;
-    s.side_mm = (c[1] - c[0]).norm();
-    Rigid3 body_from_tag;
-    body_from_tag.translation_mm = 0.25 * (c[0] + c[1] + c[2] + c[3]);
-    body_from_tag.rotation.col(0) = (c[1] - c[0]).normalized();
-    body_from_tag.rotation.col(1) = (c[3] - c[0]).normalized();
-    body_from_tag.rotation.col(2) = body_from_tag.rotation.col(0).cross(body_from_tag.rotation.col(1));
-    s.camera_from_tag = camera_from_body * body_from_tag;
-    tags->push_back(s);
-  }
-}
-
 Image8 picture(const Rig& rig, const Truth& truth, std::uint64_t seed, const SceneLook& look = {}) {
-  std::vector<SceneTag> tags;
-  add_scene(rig.bow, truth.bow, &tags);
-  add_scene(rig.head_frame, truth.head, &tags);
+  std::vector<SceneTag> tags = scene_tags(rig.bow, truth.bow);
+  const auto more = scene_tags(rig.head_frame, truth.head);
+  tags.insert(tags.end(), more.begin(), more.end());
   Random random(seed);
   return render_tags(rig.cameras[0].model, family(), tags, look, random);
 }
@@ -364,14 +349,13 @@ TEST(SessionEvidence, ABowUpsideDownIsRefusedWhereTheFilesSayWhatIsUp) {
 TEST(SessionEvidence, TwoBowsInViewAndMirroredPicturesAreRefused) {
   const Rig rig = little_rig();
   const Truth truth = truth_at(0);
-  std::vector<SceneTag> tags;
   Truth aside = truth;
   aside.bow.translation_mm = Vector3(0, 70, 420);
   aside.head.translation_mm = Vector3(-75, -60, 420);
-  add_scene(rig.bow, aside.bow, &tags);
-  add_scene(rig.head_frame, aside.head, &tags);
   const Rigid3 second{Matrix3::Identity(), Vector3(80, -60, 420)};
-  add_scene(rig.bow, second, &tags);
+  std::vector<SceneTag> tags = scene_tags(rig.bow, aside.bow);
+  for (const auto& more : {scene_tags(rig.head_frame, aside.head), scene_tags(rig.bow, second)})
+    tags.insert(tags.end(), more.begin(), more.end());
   Random random(8);
   const Image8 two = render_tags(rig.cameras[0].model, family(), tags, {}, random);
   auto tracker = std::move(*BodyTracker::create(rig, {}));

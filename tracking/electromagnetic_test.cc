@@ -4,31 +4,18 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <deque>
 
 #include <Eigen/Cholesky>
 
 #include "core/random.h"
+#include "tracking/list_source.h"
 
 namespace gnathion {
 namespace {
 
 using ::testing::HasSubstr;
+using testing::ListSource;
 constexpr double kDegree = M_PI / 180, kRate_hz = 120;
-
-class ListSource : public Source {
- public:
-  explicit ListSource(std::vector<Sample> samples) : samples_(samples.begin(), samples.end()) {}
-  Result<std::optional<Sample>> next() override {
-    if (samples_.empty()) return std::optional<Sample>();
-    std::optional<Sample> sample(std::move(samples_.front()));
-    samples_.pop_front();
-    return sample;
-  }
-
- private:
-  std::deque<Sample> samples_;
-};
 
 /// A head with two sensors (2 and 3) and a bow with one (1) that opens and closes, six seconds.
 struct Scene {

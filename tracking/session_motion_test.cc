@@ -3,32 +3,18 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <deque>
-
+#include "tracking/list_source.h"
 #include "tracking/synthetic_rig.h"
 
 namespace gnathion {
 namespace {
 
 using ::testing::HasSubstr;
+using testing::ListSource;
 using testing::render_tags;
+using testing::scene_tags;
 using testing::SceneLook;
 using testing::SceneTag;
-
-/// Plays samples that a test made.
-class ListSource : public Source {
- public:
-  explicit ListSource(std::vector<Sample> samples) : samples_(samples.begin(), samples.end()) {}
-  Result<std::optional<Sample>> next() override {
-    if (samples_.empty()) return std::optional<Sample>();
-    std::optional<Sample> sample(std::move(samples_.front()));
-    samples_.pop_front();
-    return sample;
-  }
-
- private:
-  std::deque<Sample> samples_;
-};
 
 /// Half the size of the real rig, so that tests are quick; bodies nearer.
 Rig small_rig(int cameras) {
@@ -56,24 +42,6 @@ Truth truth_at(int frame) {
   truth.bow = truth.head *
               Rigid3{exp_so3(Vector3(0.1 * std::sin(4 * t), 0, 0)), Vector3(0, 55 + 3 * std::sin(4 * t), 0)};
   return truth;
-}
-
-std::vector<SceneTag> scene_tags(const TaggedBody& body, const Rigid3& camera_from_body) {
-  std::vector<SceneTag> tags;
-  for (const BodyTag& tag : body.tags) {
-    const auto& c = tag.corners_in_body_mm;
-    SceneTag s;
-    s.id = tag.id;
-    s.side_mm = (c[1] - c[0]).norm();
-    Rigid3 body_from_tag;
-    body_from_tag.translation_mm = 0.25 * (c[0] + c[1] + c[2] + c[3]);
-    body_from_tag.rotation.col(0) = (c[1] - c[0]).normalized();
-    body_from_tag.rotation.col(1) = (c[3] - c[0]).normalized();
-    body_from_tag.rotation.col(2) = body_from_tag.rotation.col(0).cross(body_from_tag.rotation.col(1));
-    s.camera_from_tag = camera_from_body * body_from_tag;
-    tags.push_back(s);
-  }
-  return tags;
 }
 
 FrameSample film_frame(const Rig& rig, std::size_t camera, int frame) {

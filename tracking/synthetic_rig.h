@@ -82,4 +82,23 @@ inline RigTags observe(const Rig& rig, const TaggedBody& body, const Rigid3& rig
   return tags;
 }
 
+/// What a camera shows of a body.
+inline std::vector<SceneTag> scene_tags(const TaggedBody& body, const Rigid3& camera_from_body) {
+  std::vector<SceneTag> tags;
+  for (const BodyTag& tag : body.tags) {
+    const auto& c = tag.corners_in_body_mm;
+    SceneTag s;
+    s.id = tag.id;
+    s.side_mm = (c[1] - c[0]).norm();
+    Rigid3 body_from_tag;
+    body_from_tag.translation_mm = 0.25 * (c[0] + c[1] + c[2] + c[3]);
+    body_from_tag.rotation.col(0) = (c[1] - c[0]).normalized();
+    body_from_tag.rotation.col(1) = (c[3] - c[0]).normalized();
+    body_from_tag.rotation.col(2) = body_from_tag.rotation.col(0).cross(body_from_tag.rotation.col(1));
+    s.camera_from_tag = camera_from_body * body_from_tag;
+    tags.push_back(s);
+  }
+  return tags;
+}
+
 }  // namespace gnathion::testing

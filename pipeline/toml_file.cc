@@ -1,0 +1,19 @@
+#include "pipeline/toml_file.h"
+
+#include <fmt/format.h>
+
+#include "core/file.h"
+
+namespace gnathion {
+
+Result<toml::table> read_toml(const std::filesystem::path& path, const char* what) {
+  GNATHION_TRY(const std::string text, read_file(path));
+  try {
+    return toml::parse(text, path.string());
+  } catch (const toml::parse_error& e) {
+    return bad_input(what, path.string(),
+                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
+  }
+}
+
+}  // namespace gnathion

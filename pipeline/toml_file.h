@@ -1,0 +1,16 @@
+// TOML files as this module reads them: for its .cc files only, since the parser comes along.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <toml++/toml.h>
+
+#include "core/result.h"
+
+namespace gnathion {
+
+/// The whole file. Refused (kInput) with `what` and the line of the fault.
+Result<toml::table> read_toml(const std::filesystem::path& path, const char* what);
+
+}  // namespace gnathion
