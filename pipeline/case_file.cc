@@ -34,7 +34,14 @@ Status take_files(const toml::table& table, const std::string& section, const Ro
 
 }  // namespace
 
-Result<CaseFile> read_case(const std::filesystem::path& folder) {
+Result<CaseFile> read_case(const std::filesystem::path& folder, CaseTrust trust) {
+  GNATHION_TRY(CaseFile c, open_case(folder, trust));
+  if (c.maxilla_mi.empty() || c.mandible_mi.empty())
+    return bad_input(kWhat, c.toml().string(), "[scans] needs maxilla_mi and mandible_mi");
+  return c;
+}
+
+Result<CaseFile> open_case(const std::filesystem::path& folder, CaseTrust) {
   CaseFile c;
   c.folder = folder;
   GNATHION_TRY(const toml::table t, read_toml(c.toml(), kWhat));
@@ -64,8 +71,6 @@ Result<CaseFile> read_case(const std::filesystem::path& folder) {
     GNATHION_TRY(c.edits, parse_edits(text, c.toml().string()));
   }
   c.kind = t["case"]["kind"].value_or(std::string("patient"));
-  if (c.maxilla_mi.empty() || c.mandible_mi.empty())
-    return bad_input(kWhat, c.toml().string(), "[scans] needs maxilla_mi and mandible_mi");
   return c;
 }
 

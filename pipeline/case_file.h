@@ -10,10 +10,27 @@
 
 namespace gnathion {
 
+/// Who the patient is: in [patient] of case.toml and nowhere else, no log, result, name or export.
+struct PatientIdentity {
+  std::string name, number, born, sex, remarks;
+  bool empty() const {
+    return name.empty() && number.empty() && born.empty() && sex.empty() && remarks.empty();
+  }
+};
+
+/// How far a case.toml is trusted with paths.
+enum class CaseTrust {
+  kOwner,    ///< written by who runs the program: may name any file
+  kConfined  ///< written by a client: every file must lie in the case's folder, links included
+};
+
 /// Paths are absolute once read; absent entries are empty.
 struct CaseFile {
   std::filesystem::path folder;
-  std::string kind;  ///< "phantom" or "patient"
+  std::string id;       ///< [case] id, or the folder's name
+  std::string kind;     ///< "phantom" or "patient"
+  std::string created;  ///< UTC; empty in cases of old
+  PatientIdentity patient;
   std::filesystem::path maxilla_mi, mandible_mi, maxilla_tp, mandible_tp, mandible_clutch, face_mi, face_tp;
   std::filesystem::path bow_model, head_frame_model;
   std::filesystem::path rig, recording;
@@ -24,8 +41,10 @@ struct CaseFile {
   std::filesystem::path toml() const { return folder / "case.toml"; }
 };
 
-/// Reads FOLDER/case.toml. Refused with kInput: what is not TOML, an unknown key, a file that is named but
-/// does not exist, a case without both jaws in MI.
-Result<CaseFile> read_case(const std::filesystem::path& folder);
+/// Reads FOLDER/case.toml. Refused with kInput: what is not TOML (line and column are named), an unknown key,
+/// a file that is named but does not exist, a case without both jaws in MI.
+Result<CaseFile> read_case(const std::filesystem::path& folder, CaseTrust trust = CaseTrust::kOwner);
+/// The same without asking for the jaws: a case that is still being filled.
+Result<CaseFile> open_case(const std::filesystem::path& folder, CaseTrust trust = CaseTrust::kOwner);
 
 }  // namespace gnathion
