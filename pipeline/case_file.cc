@@ -35,13 +35,13 @@ Status take_files(const toml::table& table, const std::string& section, const Ro
 }  // namespace
 
 Result<CaseFile> read_case(const std::filesystem::path& folder, CaseTrust trust) {
-  GNATHION_TRY(CaseFile c, open_case(folder, trust));
+  GNATHION_TRY(CaseFile c, read_unfinished_case(folder, trust));
   if (c.maxilla_mi.empty() || c.mandible_mi.empty())
     return bad_input(kWhat, c.toml().string(), "[scans] needs maxilla_mi and mandible_mi");
   return c;
 }
 
-Result<CaseFile> open_case(const std::filesystem::path& folder, CaseTrust) {
+Result<CaseFile> read_unfinished_case(const std::filesystem::path& folder, CaseTrust) {
   CaseFile c;
   c.folder = folder;
   GNATHION_TRY(const toml::table t, read_toml(c.toml(), kWhat));

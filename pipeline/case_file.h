@@ -45,6 +45,6 @@ struct CaseFile {
 /// a file that is named but does not exist, a case without both jaws in MI.
 Result<CaseFile> read_case(const std::filesystem::path& folder, CaseTrust trust = CaseTrust::kOwner);
 /// The same without asking for the jaws: a case that is still being filled.
-Result<CaseFile> open_case(const std::filesystem::path& folder, CaseTrust trust = CaseTrust::kOwner);
+Result<CaseFile> read_unfinished_case(const std::filesystem::path& folder, CaseTrust trust = CaseTrust::kOwner);
 
 }  // namespace gnathion
