@@ -1,5 +1,6 @@
 # The message types of recordings, generated from proto/ with that folder as the import root.
 file(GLOB_RECURSE proto_files CONFIGURE_DEPENDS RELATIVE ${CMAKE_SOURCE_DIR}/proto ${CMAKE_SOURCE_DIR}/proto/*.proto)
+list(FILTER proto_files EXCLUDE REGEX "v1/(devices|capture|live|cases|jobs)\\.proto$")  # the API: api_proto.cmake
 set(proto_out ${CMAKE_BINARY_DIR}/proto_gen)
 file(MAKE_DIRECTORY ${proto_out})
 set(proto_sources "")

@@ -33,6 +33,8 @@ const std::map<std::string, Modules>& allowed() {
     r["pipeline"] = siblings;
     Modules faces = siblings;
     faces.insert("pipeline");
+    faces.insert("client");
+    r["client"] = {"core"};
     r["cli"] = r["daemon"] = r["viewer"] = faces;
     return r;
   }();
