@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "calibration/chain_derived.h"
 #include "calibration/chain_registrations.h"
+#include "calibration/composition.h"
 #include "calibration/pose_conditioning.h"
 
 namespace gnathion {
@@ -103,13 +105,20 @@ Chain assembled(const ChainScans& scans, const ChainUnknowns& unknowns, const Ch
   return chain;
 }
 
-/// Says how fine the face scans are, and whether that is fine enough.
-void judge_face_scans(const std::vector<SurfaceTerm>& terms, const TriangleMesh& mandible, Chain& chain) {
+/// Some vertices of the lower arch.
+std::vector<Vector3> some_teeth_mm(const TriangleMesh& mandible) {
   constexpr std::size_t kTeeth = 500;
-  std::vector<Vector3> teeth_in_bow_mm;
+  std::vector<Vector3> teeth_mm;
   const std::size_t step = mandible.vertices_mm.size() / kTeeth + 1;
   for (std::size_t v = 0; v < mandible.vertices_mm.size(); v += step)
-    teeth_in_bow_mm.push_back(chain.bow_from_dental.value * mandible.vertices_mm[v]);
+    teeth_mm.push_back(mandible.vertices_mm[v]);
+  return teeth_mm;
+}
+
+/// Says how fine the face scans are, and whether that is fine enough.
+void judge_face_scans(const std::vector<SurfaceTerm>& terms, const TriangleMesh& mandible, Chain& chain) {
+  std::vector<Vector3> teeth_in_bow_mm = some_teeth_mm(mandible);
+  for (Vector3& p : teeth_in_bow_mm) p = chain.bow_from_dental.value * p;
   const auto judge = [&](const std::string& name, const ChainPose& bow_from_face, FaceScanQuality& quality) {
     for (const SurfaceTerm& term : terms)
       if (term.name == "bow in " + name)
@@ -167,16 +176,85 @@ std::vector<std::string> missing_parts(const ChainScans& scans, const ChainOptio
   return missing;
 }
 
+/// T_th by the tracker's positions against that by the scans: whether the jaw was in the same TP.
+TrackedAgreement compare_therapeutic(const Chain& by_scans, const TrackedPositions& tracked,
+                                     const std::vector<Vector3>& teeth_mm) {
+  const RouteComparison c = compare_routes(
+      therapeutic_from_camera(by_scans.bow_from_dental, tracked.head_from_bow_mi, tracked.head_from_bow_tp),
+      therapeutic_from_faces(by_scans), by_scans.bow_from_dental.covariance, teeth_mm);
+  TrackedAgreement agreement;
+  agreement.therapeutic_mm = c.largest_mm;
+  agreement.therapeutic_deg = c.angle_deg;
+  agreement.p_value = c.chi2_p_value;
+  return agreement;
+}
+
+/// The bow in the head frame at MI: whether tracker and CAD surface mean the same frame by it. T_th does not
+/// feel an error that is the same in MI and in TP.
+void compare_head_frame(const ChainUnknowns& unknowns, const ChainSolution& by_scans, const Rigid3& t_d,
+                        const TrackedPositions& tracked, const std::vector<Vector3>& teeth_mm,
+                        TrackedAgreement& agreement) {
+  const Rigid3& scanned = by_scans.poses[static_cast<std::size_t>(unknowns.head_from_bow_mi)];
+  const Rigid3& seen = tracked.head_from_bow_mi.value.rigid;
+  const int row = 6 * unknowns.head_from_bow_mi;
+  const Matrix6 covariance = by_scans.covariance.block<6, 6>(row, row) + tracked.head_from_bow_mi.covariance;
+  const Vector6 xi = difference(seen, scanned);
+  agreement.head_from_bow_deg = (seen * scanned.inverse()).angle_rad() * 57.29577951308232;
+  agreement.head_from_bow_p_value = chi2_6_survival(xi.dot(covariance.ldlt().solve(xi)));
+  double largest_mm = 0.0;
+  for (const Vector3& p : teeth_mm)
+    largest_mm = std::max(largest_mm, (seen * (t_d * p) - scanned * (t_d * p)).norm());
+  agreement.head_from_bow_mm = largest_mm;
+}
+
+/// The scans alone are solved first: positions that contradict them would bend every pose a little, and
+/// nothing in the result would say so.
+Result<TrackedAgreement> agreement_with_scans(const ChainScans& scans, const TrackedPositions& tracked,
+                                              ChainStart& start) {
+  constexpr double kLeastP = 0.003;
+  ChainProblem& problem = start.problem;
+  const ChainUnknowns& u = start.unknowns;
+  const auto known = std::move(problem.known);
+  const bool has_frame = !scans.head_frame_model.empty();
+  problem.known.clear();
+  const auto head = static_cast<std::size_t>(u.first_face_mi);
+  problem.fixed[head] = !has_frame;  // nothing else says where the head frame is
+  GNATHION_TRY(const ChainSolution solution, solve_poses(problem));
+  problem.fixed[head] = false;
+  problem.known = known;
+  problem.poses = solution.poses;
+  const Chain by_scans = assembled(scans, u, solution, problem.terms);
+  const std::vector<Vector3> teeth_mm = some_teeth_mm(scans.mandible_mi);
+  TrackedAgreement a = compare_therapeutic(by_scans, tracked, teeth_mm);
+  if (has_frame) compare_head_frame(u, solution, by_scans.bow_from_dental.value, tracked, teeth_mm, a);
+  const auto refuse = [](const std::string& what, double mm, double deg, const std::string& why) {
+    return fail(ErrorCode::kGate, "tracked positions contradict the scans", what,
+                fmt::format("{:.3f} mm at the teeth and {:.3f} deg apart; {}", mm, deg, why));
+  };
+  if (a.p_value < kLeastP)
+    return refuse("T_th by tracker and by face scans", a.therapeutic_mm, a.therapeutic_deg,
+                  "the jaw was elsewhere, or bow or head frame slipped");
+  if (a.head_from_bow_p_value < kLeastP)
+    return refuse("bow in the head frame at MI", *a.head_from_bow_mm, a.head_from_bow_deg,
+                  "another MI, or the head frame's file is not its CAD surface");
+  return a;
+}
+
 }  // namespace
 
 Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, Progress& progress) {
   GNATHION_CHECK_OK(check_scans(scans, options));
   GNATHION_TRY(ChainStart start, register_scans(scans, options, progress));
   progress.begin_step("all poses together", 0.3);
+  std::optional<TrackedAgreement> agreement;
+  if (options.tracked) {
+    GNATHION_TRY(agreement, agreement_with_scans(scans, *options.tracked, start));
+  }
   GNATHION_TRY(const ChainSolution solution, solve_poses(start.problem));
   Chain chain = assembled(scans, start.unknowns, solution, start.problem.terms);
   if (chain.has_faces) judge_face_scans(start.problem.terms, scans.mandible_mi, chain);
   chain.missing = missing_parts(scans, options);
+  chain.tracked = agreement;
   return chain;
 }
 

@@ -38,7 +38,8 @@ struct ChainScans {
   TriangleMesh head_frame_model;
 };
 
-/// What a tracker saw of the bow in the head frame; takes part in the same problem as the face scans.
+/// What a tracker saw of the bow in the head frame; takes part in the same problem as the face scans, if it
+/// agrees with them.
 struct TrackedPositions {
   Uncertain<Transform<HeadFrame, Bow>> head_from_bow_mi, head_from_bow_tp;
 };
@@ -61,6 +62,16 @@ struct ChainPose {
   std::vector<std::string> weak;  ///< "rotation about the bow's long axis is weak: 0.40 deg"
 };
 
+/// How far the tracker's positions are from what the scans alone say.
+struct TrackedAgreement {
+  double therapeutic_mm = 0.0, therapeutic_deg = 0.0;  ///< T_th by the tracker against that by the scans,
+                                                       ///< largest over the lower arch
+  double p_value = 1.0;                                ///< of that, 6 degrees of freedom
+  /// The bow in the head frame at MI, at the teeth; only with the head frame's model. Its own p-value.
+  std::optional<double> head_from_bow_mm;
+  double head_from_bow_deg = 0.0, head_from_bow_p_value = 1.0;
+};
+
 /// The poses that are estimated from surfaces, in the order of the joint covariance.
 enum class ChainState { kBowFromDental = 0, kBowFromFace, kBowFromFaceTp, kFaceMiFromFaceTp };
 inline constexpr int kChainStates = 4;
@@ -78,6 +89,7 @@ struct Chain {
   /// included.
   ChainCovariance joint = ChainCovariance::Zero();
   FaceScanQuality face_mi, face_tp;
+  std::optional<TrackedAgreement> tracked;  ///< of ChainOptions::tracked, which then took part
   /// By name, one line each: "face scan in MI too coarse for T_F: …". The chain stands all the same: its
   /// covariance is as wide as the scans ask.
   std::vector<std::string> warnings;
@@ -91,7 +103,8 @@ struct Chain {
 };
 
 /// Coarse start without a guess for each registration, then one least-squares problem over all poses.
-/// Errors (kInput) name the registration that is missing or undetermined.
+/// Errors (kInput) name the registration that is missing or undetermined; kGate: the tracked positions
+/// contradict the scans (p < 0.003), with how far.
 Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, Progress& progress);
 
 }  // namespace gnathion

@@ -73,6 +73,15 @@ Status read_joint(const json& j, const std::string& where, Chain& chain) {
   return {};
 }
 
+json tracked_json(const TrackedAgreement& a) {
+  json j = {
+      {"therapeutic_mm", a.therapeutic_mm}, {"therapeutic_deg", a.therapeutic_deg}, {"p_value", a.p_value}};
+  if (a.head_from_bow_mm)
+    j["head_from_bow_mi"] = {
+        {"mm", *a.head_from_bow_mm}, {"deg", a.head_from_bow_deg}, {"p_value", a.head_from_bow_p_value}};
+  return j;
+}
+
 }  // namespace
 
 json pose_json(const ChainPose& pose) {
@@ -111,6 +120,7 @@ json chain_json(const Chain& chain) {
                      {"tp", quality(chain.face_tp)},
                      {"t_f_at_teeth_limit_mm", kLargestFaceScanError_mm}};
   j["joint"] = {{"poses", kStateNames}, {"covariance", std::move(rows)}};
+  if (chain.tracked) j["tracked"] = tracked_json(*chain.tracked);
   return j;
 }
 

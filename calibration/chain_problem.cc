@@ -19,40 +19,6 @@ constexpr int kRounds = 12;
 constexpr double kStill_mm = 2e-4;  // of a pose between rounds, at the term's points
 constexpr std::size_t kLeastPairs = 100;
 
-/// Mean residuals of the term's pairs by patches, and what weight a patch has.
-class PatchWeights {
- public:
-  PatchWeights(const std::vector<PlanePair>& pairs, const Rigid3& x, double scale_mm) : scale_mm_(scale_mm) {
-    for (const PlanePair& p : pairs) {
-      Patch& patch = patches_[key(p)];
-      patch.sum += p.weight * p.residual_mm(x);
-      patch.weight += p.weight;
-    }
-  }
-  void apply(std::vector<PlanePair>& pairs) const {
-    constexpr double kTukey = 4.685;
-    for (PlanePair& p : pairs) {
-      const auto found = patches_.find(key(p));
-      const bool known = found != patches_.end() && found->second.weight > 0.0;
-      const double u = known ? found->second.sum / found->second.weight / (kTukey * scale_mm_) : 1.0;
-      p.weight *= std::abs(u) < 1.0 ? (1.0 - u * u) * (1.0 - u * u) : 0.0;
-    }
-  }
-
- private:
-  struct Patch {
-    double sum = 0.0, weight = 0.0;
-  };
-  using Key = std::array<long, 3>;
-  static Key key(const PlanePair& p) {
-    constexpr double kPatch_mm = 10.0;
-    return {std::lround(p.target_mm.x() / kPatch_mm), std::lround(p.target_mm.y() / kPatch_mm),
-            std::lround(p.target_mm.z() / kPatch_mm)};
-  }
-  double scale_mm_;
-  std::map<Key, Patch> patches_;
-};
-
 /// Samples with their scanner's scale taken out.
 SurfaceSamples unscaled(const SurfaceSamples& samples, const Vector3& centre_mm, double scale) {
   SurfaceSamples out = samples;
@@ -79,7 +45,6 @@ void associate_term(SurfaceTerm& term, const ChainSolution& at) {
   term.pairs = corrected_pairs(term, term.fitted, x);
   term.scale_mm = std::min(term.scale_cap_mm, robust_scale_mm(term.pairs, x, term.noise_floor_mm));
   weigh(term.pairs, x, term.scale_mm);
-  if (term.patch_scale_mm > 0.0) PatchWeights(term.pairs, x, term.patch_scale_mm).apply(term.pairs);
 }
 
 Status associate_all(std::vector<SurfaceTerm>& terms, const ChainSolution& at) {
@@ -291,12 +256,8 @@ Result<Eigen::MatrixXd> inverse_of(const Eigen::MatrixXd& information, const Cha
 void describe(SurfaceTerm& term, const std::vector<Rigid3>& poses) {
   const Rigid3 x = pose_of(term, poses);
   term.rms_mm = weighted_rms_mm(term.pairs, x);
-  // Patches are judged by the fitted points alone.
-  std::vector<PlanePair> judges = term.pairs;
-  weigh(judges, x, term.scale_mm);
   std::vector<PlanePair> unseen = corrected_pairs(term, term.held_out, x);
   weigh(unseen, x, term.scale_mm);
-  if (term.patch_scale_mm > 0.0) PatchWeights(judges, x, term.patch_scale_mm).apply(unseen);
   term.held_out_mm = weighted_rms_mm(unseen, x);
 }
 

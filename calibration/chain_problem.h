@@ -38,9 +38,6 @@ struct SurfaceTerm {
   double noise_floor_mm = 0.01;
   /// The loss never widens beyond this scale: what does not fit so well is not rigid.
   double scale_cap_mm = 1e9;
-  /// More than 0: patches of 10 mm whose mean residual is large against this (skin that has shifted as a
-  /// whole) lose their weight, however small the single residuals are against the noise.
-  double patch_scale_mm = 0.0;
   /// Scanners whose scale the samples and the surface carry (index into scale sigmas), −1: none (CAD). A scan
   /// is (1 + s) times too large about its centre; s is estimated along, with the scanner's sigma as prior.
   int scanner = -1, surface_scanner = -1;

@@ -1,6 +1,8 @@
 #include "calibration/chain_registrations.h"
 
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 
@@ -16,7 +18,6 @@ constexpr double kScanNoise_mm = 0.03;  // of two scans against each other
 constexpr double kOnBow_mm = 1.0;       // a face scan's surface this near to the found bow is the bow's
 constexpr double kOffBow_mm = 4.0;      // and beyond this it is not
 constexpr double kRigidHead_mm = 0.04;  // soft tissue that shifts more is not head
-constexpr double kSkinPatch_mm = 0.02;  // Tukey scale of a skin patch's mean: beyond 0.1 mm it has shifted
 constexpr std::size_t kPointsPerTerm = 6000;
 
 /// Distance of each triangle's centre to a surface under a pose; `far_mm` where there is none nearer.
@@ -118,75 +119,126 @@ class Registrar {
     start_.problem.poses.resize(static_cast<std::size_t>(start_.unknowns.count));
     start_.problem.fixed.assign(start_.problem.poses.size(), false);
     start_.problem.scale_sigmas.assign(kScanners, options.scan_scale_sigma);
-    mandible_ = keep(scans.mandible_mi);
-    bow_ = keep(scans.bow_model);
-    if (!scans.head_frame_model.empty() && !scans.faces_mi.empty())
-      head_frame_ = keep(scans.head_frame_model);
     tracked_ = options.tracked;
+    build_surfaces();
+    mandible_ = surface_of(scans.mandible_mi);
+    bow_ = surface_of(scans.bow_model);
+    if (!scans.head_frame_model.empty() && !scans.faces_mi.empty())
+      head_frame_ = surface_of(scans.head_frame_model);
   }
 
+  /// The bow in the first scan of each kind. These searches do not hang together, and run side by side.
+  Status find_bow_in_all();
   Status add_clutch_scans();
   Status add_face_scans();
   ChainStart done() { return std::move(start_); }
 
  private:
-  /// A face scan, by triangle: what is not near the bow, and of that what is not near the head frame.
+  /// A face scan, by triangle: how far from the bow, and what is not near it.
   struct Face {
     const ChainSurface* surface = nullptr;
     std::vector<double> to_bow_mm;
-    std::vector<bool> off_bow, skin;
+    std::vector<bool> off_bow;
+    Rigid3 bow_from_face;
+  };
+  struct Clutch {
+    Rigid3 mandible_from_clutch, bow_from_clutch;
   };
 
-  const ChainSurface* keep(const TriangleMesh& mesh) {
-    start_.surfaces.push_back(std::make_unique<ChainSurface>(mesh));
-    return start_.surfaces.back().get();
+  void build_surfaces();
+  const ChainSurface* surface_of(const TriangleMesh& mesh) const {
+    for (const auto& s : start_.surfaces)
+      if (&s->mesh == &mesh) return s.get();
+    return nullptr;
   }
   Rigid3& pose(int unknown) { return start_.problem.poses[static_cast<std::size_t>(unknown)]; }
   std::vector<SurfaceTerm>& terms() { return start_.problem.terms; }
 
   void add_clutch_terms(const ChainSurface& clutch, std::size_t index);
-  Result<Face> find_bow(const TriangleMesh& scan, const std::string& name, Rigid3* bow_from_face);
+  Result<Clutch> find_clutch(const TriangleMesh& scan) const;
+  Result<Face> find_bow(const TriangleMesh& scan, const std::string& name) const;
+  Result<std::vector<Rigid3>> on_the_first(const std::vector<TriangleMesh>& scans, const std::string& name,
+                                           std::uint64_t seed) const;
   Status find_head_between(const Face& mi, const Face& tp, const Rigid3& guess, Rigid3* face_mi_from_tp);
-  void add_face_terms(Face& face, int head_from_face, int head_from_bow, const std::string& position);
-  void add_skin_term(const Face& face, int head_from_face, const std::string& name);
-  Status add_repeats(const std::vector<TriangleMesh>& scans, const ChainSurface& first, int first_unknown,
-                     int head_from_bow, const char* position);
+  void add_face_terms(const Face& face, int head_from_face, int head_from_bow, const std::string& position);
+  void add_head_term(const Face& face, int head_from_face, const std::string& name);
+  Status add_repeats(const std::vector<TriangleMesh>& scans, int first_unknown, int head_from_bow,
+                     const char* position);
 
   const ChainScans& scans_;
   std::uint64_t seed_;
   std::optional<TrackedPositions> tracked_;
   ChainStart start_;
-  const ChainSurface *mandible_ = nullptr, *bow_ = nullptr, *head_frame_ = nullptr, *first_clutch_ = nullptr;
-  Face first_face_;
+  const ChainSurface *mandible_ = nullptr, *bow_ = nullptr, *head_frame_ = nullptr;
+  Clutch first_clutch_;
+  Face first_face_, first_face_tp_;
 };
+
+void Registrar::build_surfaces() {
+  std::vector<const TriangleMesh*> meshes = {&scans_.mandible_mi, &scans_.bow_model};
+  if (!scans_.faces_mi.empty()) meshes.push_back(&scans_.head_frame_model);
+  for (const auto* scans : {&scans_.clutch_scans, &scans_.faces_mi, &scans_.faces_tp})
+    for (const TriangleMesh& scan : *scans) meshes.push_back(&scan);
+  start_.surfaces.resize(meshes.size());
+  tbb::parallel_for(std::size_t{0}, meshes.size(),
+                    [&](std::size_t i) { start_.surfaces[i] = std::make_unique<ChainSurface>(*meshes[i]); });
+}
+
+Status Registrar::find_bow_in_all() {
+  Result<Clutch> clutch;
+  Result<Face> mi, tp;
+  const bool faces = !scans_.faces_mi.empty();
+  tbb::parallel_invoke([&] { clutch = find_clutch(scans_.clutch_scans.front()); },
+                       [&] {
+                         if (faces) mi = find_bow(scans_.faces_mi.front(), "face scan in MI");
+                       },
+                       [&] {
+                         if (faces) tp = find_bow(scans_.faces_tp.front(), "face scan in TP");
+                       });
+  GNATHION_TRY(first_clutch_, std::move(clutch));
+  GNATHION_TRY(first_face_, std::move(mi));
+  GNATHION_TRY(first_face_tp_, std::move(tp));
+  return {};
+}
+
+/// Further scans resemble the first of their kind in all parts.
+Result<std::vector<Rigid3>> Registrar::on_the_first(const std::vector<TriangleMesh>& scans,
+                                                    const std::string& name, std::uint64_t seed) const {
+  std::vector<Result<Rigid3>> found(scans.size());
+  const ChainSurface& first = *surface_of(scans.front());
+  tbb::parallel_for(std::size_t{1}, scans.size(), [&](std::size_t i) {
+    found[i] = locate({&scans[i], all_of(scans[i])}, {&first.mesh, all_of(first.mesh)}, first.query,
+                      coarse(fmt::format(fmt::runtime(name), i + 1) + " on the first", 0.6, seed + i));
+  });
+  std::vector<Rigid3> first_from_scan;
+  for (Result<Rigid3>& f : found) {
+    GNATHION_TRY(first_from_scan.emplace_back(), std::move(f));
+  }
+  return first_from_scan;
+}
+
+Result<Registrar::Clutch> Registrar::find_clutch(const TriangleMesh& scan) const {
+  Clutch clutch;
+  GNATHION_TRY(clutch.mandible_from_clutch,
+               locate({&scan, all_of(scan)}, {&mandible_->mesh, all_of(mandible_->mesh)}, mandible_->query,
+                      coarse("clutch scan on lower arch", 0.5, seed_)));
+  const std::vector<bool> not_teeth =
+      where(distances_to(scan, mandible_->query, clutch.mandible_from_clutch, 5.0), 0.5, 5.0);
+  GNATHION_TRY(clutch.bow_from_clutch, locate({&scan, not_teeth}, {&bow_->mesh, all_of(bow_->mesh)},
+                                              bow_->query, coarse("clutch scan on bow", 0.7, seed_)));
+  return clutch;
+}
 
 /// T_D: each clutch scan's teeth on the lower arch, the rest of it on the bow.
 Status Registrar::add_clutch_scans() {
   const ChainUnknowns& u = start_.unknowns;
+  const Clutch& first = first_clutch_;
+  pose(u.t_d) = first.bow_from_clutch * first.mandible_from_clutch.inverse();
+  GNATHION_TRY(const std::vector<Rigid3> on_first,
+               on_the_first(scans_.clutch_scans, "clutch scan {}", seed_));
   for (std::size_t i = 0; i < scans_.clutch_scans.size(); ++i) {
-    const ChainSurface& clutch = *keep(scans_.clutch_scans[i]);
-    if (i == 0) first_clutch_ = &clutch;
-    const std::size_t count = scans_.clutch_scans.size();
-    const int unknown = u.first_clutch + static_cast<int>(i);
-    if (i > 0) {  // as the first, which it resembles in all parts
-      const ChainSurface& first = *first_clutch_;
-      GNATHION_TRY(const Rigid3 found,
-                   locate({&clutch.mesh, all_of(clutch.mesh)}, {&first.mesh, all_of(first.mesh)}, first.query,
-                          coarse(numbered("clutch scan", i, count) + " on the first", 0.6, seed_ + i)));
-      pose(unknown) = pose(u.first_clutch) * found;
-      add_clutch_terms(clutch, i);
-      continue;
-    }
-    GNATHION_TRY(const Rigid3 on_teeth,
-                 locate({&clutch.mesh, all_of(clutch.mesh)}, {&mandible_->mesh, all_of(mandible_->mesh)},
-                        mandible_->query, coarse("clutch scan on lower arch", 0.5, seed_)));
-    const std::vector<bool> not_teeth =
-        where(distances_to(clutch.mesh, mandible_->query, on_teeth, 5.0), 0.5, 5.0);
-    GNATHION_TRY(const Rigid3 on_bow, locate({&clutch.mesh, not_teeth}, {&bow_->mesh, all_of(bow_->mesh)},
-                                             bow_->query, coarse("clutch scan on bow", 0.7, seed_)));
-    pose(unknown) = on_bow;
-    pose(u.t_d) = on_bow * on_teeth.inverse();
-    add_clutch_terms(clutch, i);
+    pose(u.first_clutch + static_cast<int>(i)) = first.bow_from_clutch * on_first[i];
+    add_clutch_terms(*surface_of(scans_.clutch_scans[i]), i);
   }
   return {};
 }
@@ -220,14 +272,13 @@ void Registrar::add_clutch_terms(const ChainSurface& clutch, std::size_t index) 
 }
 
 /// The bow in a face scan, and what of the scan is not bow.
-Result<Registrar::Face> Registrar::find_bow(const TriangleMesh& scan, const std::string& name,
-                                            Rigid3* bow_from_face) {
+Result<Registrar::Face> Registrar::find_bow(const TriangleMesh& scan, const std::string& name) const {
   Face face;
-  face.surface = keep(scan);
+  face.surface = surface_of(scan);
   GNATHION_TRY(const Rigid3 found, locate({&bow_->mesh, all_of(bow_->mesh)}, {&scan, all_of(scan)},
                                           face.surface->query, coarse("bow in " + name, 0.4, seed_ + 10)));
-  *bow_from_face = found.inverse();
-  face.to_bow_mm = distances_to(scan, bow_->query, *bow_from_face, kOffBow_mm);
+  face.bow_from_face = found.inverse();
+  face.to_bow_mm = distances_to(scan, bow_->query, face.bow_from_face, kOffBow_mm);
   face.off_bow = where(face.to_bow_mm, kOffBow_mm, kOffBow_mm);
   return face;
 }
@@ -246,7 +297,8 @@ Status Registrar::find_head_between(const Face& mi, const Face& tp, const Rigid3
 }
 
 /// Bow and head frame in one face scan whose poses are known roughly.
-void Registrar::add_face_terms(Face& face, int head_from_face, int head_from_bow, const std::string& name) {
+void Registrar::add_face_terms(const Face& face, int head_from_face, int head_from_bow,
+                               const std::string& name) {
   const auto add = [&](const char* body, const ChainSurface& model, const std::vector<double>& to_body_mm) {
     SurfaceTerm term = term_of(fmt::format("{} in {}", body, name), *face.surface,
                                where(to_body_mm, 0.0, kOnBow_mm), kFace, model, kFaceNoise, seed_ + 3);
@@ -255,59 +307,50 @@ void Registrar::add_face_terms(Face& face, int head_from_face, int head_from_bow
   };
   add("bow", *bow_, face.to_bow_mm);
   terms().back().left = head_from_bow;
-  face.skin = face.off_bow;
   if (head_frame_ == nullptr) return;
   const std::vector<double> to_frame_mm =
       distances_to(face.surface->mesh, head_frame_->query, pose(head_from_face), kOffBow_mm);
-  for (std::size_t t = 0; t < face.skin.size(); ++t)
-    face.skin[t] = face.skin[t] && to_frame_mm[t] >= kOffBow_mm;
   add("head frame", *head_frame_, to_frame_mm);
 }
 
-/// The skin of a face scan on that of the first: lengthens the lever towards the teeth, as far as it moved
-/// with the frame.
-void Registrar::add_skin_term(const Face& face, int head_from_face, const std::string& name) {
-  SurfaceTerm skin =
-      term_of(name, *face.surface, face.skin, kFace, *first_face_.surface, kSkinNoise, seed_ + 4);
-  skin.keep = first_face_.skin;
-  skin.surface_scanner = kFace;
-  skin.surface_scale_centre_mm = first_face_.surface->centre_mm;
-  skin.left = start_.unknowns.first_face_mi;
-  skin.right = head_from_face;
-  if (head_frame_ == nullptr) {
-    skin.scale_cap_mm = kRigidHead_mm;
-  } else {
-    skin.patch_scale_mm = kSkinPatch_mm;
-  }
-  terms().push_back(std::move(skin));
+/// The head of a face scan on that of the first, where no model of a head frame says better.
+void Registrar::add_head_term(const Face& face, int head_from_face, const std::string& name) {
+  SurfaceTerm head =
+      term_of(name, *face.surface, face.off_bow, kFace, *first_face_.surface, kSkinNoise, seed_ + 4);
+  head.keep = first_face_.off_bow;
+  head.surface_scanner = kFace;
+  head.surface_scale_centre_mm = first_face_.surface->centre_mm;
+  head.left = start_.unknowns.first_face_mi;
+  head.right = head_from_face;
+  head.scale_cap_mm = kRigidHead_mm;
+  terms().push_back(std::move(head));
 }
 
-/// Further scans of one jaw position resemble the first in all parts: bow, frame and face.
-Status Registrar::add_repeats(const std::vector<TriangleMesh>& scans, const ChainSurface& first,
-                              int first_unknown, int head_from_bow, const char* position) {
+/// Further scans of one jaw position, on the first of it.
+Status Registrar::add_repeats(const std::vector<TriangleMesh>& scans, int first_unknown, int head_from_bow,
+                              const char* position) {
+  GNATHION_TRY(const std::vector<Rigid3> on_first,
+               on_the_first(scans, fmt::format("face scan {{}} in {}", position), seed_ + 40));
   for (std::size_t i = 1; i < scans.size(); ++i) {
     const std::string name = fmt::format("face scan {} in {}", i + 1, position);
     Face face;
-    face.surface = keep(scans[i]);
-    GNATHION_TRY(const Rigid3 found,
-                 locate({&scans[i], all_of(scans[i])}, {&first.mesh, all_of(first.mesh)}, first.query,
-                        coarse(name + " on the first", 0.6, seed_ + 40 + i)));
+    face.surface = surface_of(scans[i]);
     const int unknown = first_unknown + static_cast<int>(i);
-    pose(unknown) = pose(first_unknown) * found;
-    const Rigid3 bow_from_face = pose(head_from_bow).inverse() * pose(unknown);
-    face.to_bow_mm = distances_to(scans[i], bow_->query, bow_from_face, kOffBow_mm);
+    pose(unknown) = pose(first_unknown) * on_first[i];
+    face.bow_from_face = pose(head_from_bow).inverse() * pose(unknown);
+    face.to_bow_mm = distances_to(scans[i], bow_->query, face.bow_from_face, kOffBow_mm);
     face.off_bow = where(face.to_bow_mm, kOffBow_mm, kOffBow_mm);
     add_face_terms(face, unknown, head_from_bow, name);
-    if (head_frame_ == nullptr) add_skin_term(face, unknown, "head of " + name);
+    if (head_frame_ == nullptr) add_head_term(face, unknown, "head of " + name);
   }
   return {};
 }
 
 Status Registrar::add_face_scans() {
   const ChainUnknowns& u = start_.unknowns;
-  Rigid3 t_f, t_f_tp, face_mi_from_tp;
-  GNATHION_TRY(first_face_, find_bow(scans_.faces_mi.front(), "face scan in MI", &t_f));
-  GNATHION_TRY(Face tp, find_bow(scans_.faces_tp.front(), "face scan in TP", &t_f_tp));
+  const Face& tp = first_face_tp_;
+  const Rigid3 &t_f = first_face_.bow_from_face, &t_f_tp = tp.bow_from_face;
+  Rigid3 face_mi_from_tp;
   GNATHION_CHECK_OK(find_head_between(first_face_, tp, t_f.inverse() * t_f_tp, &face_mi_from_tp));
 
   Rigid3 head_from_face;
@@ -329,10 +372,9 @@ Status Registrar::add_face_scans() {
 
   add_face_terms(first_face_, u.first_face_mi, u.head_from_bow_mi, "face scan in MI");
   add_face_terms(tp, u.first_face_tp, u.head_from_bow_tp, "face scan in TP");
-  if (head_frame_ == nullptr) add_skin_term(tp, u.first_face_tp, "head between face scans");
-  GNATHION_CHECK_OK(
-      add_repeats(scans_.faces_mi, *first_face_.surface, u.first_face_mi, u.head_from_bow_mi, "MI"));
-  GNATHION_CHECK_OK(add_repeats(scans_.faces_tp, *tp.surface, u.first_face_tp, u.head_from_bow_tp, "TP"));
+  if (head_frame_ == nullptr) add_head_term(tp, u.first_face_tp, "head between face scans");
+  GNATHION_CHECK_OK(add_repeats(scans_.faces_mi, u.first_face_mi, u.head_from_bow_mi, "MI"));
+  GNATHION_CHECK_OK(add_repeats(scans_.faces_tp, u.first_face_tp, u.head_from_bow_tp, "TP"));
   if (tracked_) {
     start_.problem.known.push_back(
         {u.head_from_bow_mi, tracked_->head_from_bow_mi.value.rigid, tracked_->head_from_bow_mi.covariance});
@@ -357,11 +399,12 @@ ChainUnknowns unknowns_of(const ChainScans& scans) {
 }
 
 Result<ChainStart> register_scans(const ChainScans& scans, const ChainOptions& options, Progress& progress) {
+  progress.begin_step("teeth, clutch and bow in the scans", 0.5);
   Registrar registrar(scans, options);
-  progress.begin_step("clutch scan to lower teeth and bow", 0.2);
+  GNATHION_CHECK_OK(registrar.find_bow_in_all());
   GNATHION_CHECK_OK(registrar.add_clutch_scans());
   if (!scans.faces_mi.empty()) {
-    progress.begin_step("bow and head in the face scans", 0.5);
+    progress.begin_step("head in the face scans", 0.2);
     GNATHION_CHECK_OK(registrar.add_face_scans());
   }
   return registrar.done();

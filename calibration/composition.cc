@@ -101,6 +101,10 @@ TherapeuticEstimate therapeutic_from_camera(const ChainPose& bow_from_dental, co
   return e;
 }
 
+double chi2_6_survival(double chi2) {
+  return std::exp(-0.5 * chi2) * (1.0 + 0.5 * chi2 + 0.125 * chi2 * chi2);
+}
+
 RouteComparison compare_routes(const TherapeuticEstimate& a, const TherapeuticEstimate& b,
                                const Matrix6& shared, const std::vector<Vector3>& points_mm) {
   const Rigid3 &xa = a.therapeutic.value.rigid, &xb = b.therapeutic.value.rigid;
@@ -112,8 +116,7 @@ RouteComparison compare_routes(const TherapeuticEstimate& a, const TherapeuticEs
   const Vector6 xi = log_se3(c.difference);
   const double chi2 = std::max(0.0, xi.dot(symmetric(covariance).ldlt().solve(xi)));
   c.mahalanobis = std::sqrt(chi2);
-  // Survival function of χ² with 6 degrees of freedom, in closed form.
-  c.chi2_p_value = std::exp(-0.5 * chi2) * (1.0 + 0.5 * chi2 + 0.125 * chi2 * chi2);
+  c.chi2_p_value = chi2_6_survival(chi2);
   c.consistent = c.chi2_p_value >= 0.003;
   for (const Vector3& p : points_mm) c.largest_mm = std::max(c.largest_mm, (xa * p - xb * p).norm());
   return c;

@@ -34,6 +34,9 @@ TherapeuticEstimate therapeutic_from_camera(const ChainPose& bow_from_dental, co
                                             const BowAndHead<Camera>& at_tp,
                                             const Matrix6& relative_motion_covariance);
 
+/// The share of χ² with 6 degrees of freedom that lies beyond `chi2`, in closed form.
+double chi2_6_survival(double chi2);
+
 /// How far two routes are apart.
 struct RouteComparison {
   Rigid3 difference;  ///< a·b⁻¹

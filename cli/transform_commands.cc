@@ -27,7 +27,11 @@ std::string pose_line(const char* name, const ChainPose& p) {
 Result<TrackedPositions> tracked_positions(const std::string& motion) {
   GNATHION_TRY(const PoseRecording poses, read_poses(motion));
   GNATHION_TRY(const SessionMotion session, to_session_motion(poses, motion));
-  GNATHION_TRY(const JawPositions positions, find_jaw_positions(session, {}));
+  if (!mount_covariance(session).isZero())
+    return bad_input("cannot solve chain", motion,
+                     "poses of an electromagnetic sensor carry their mount's error, which is not among the "
+                     "unknowns here; 'transform motion' takes them");
+  GNATHION_TRY(const JawPositions positions, resting_positions(session, {}));
   if (!positions.closes())
     return fail(ErrorCode::kGate, "MI does not close", motion, closure_text(positions));
   return TrackedPositions{positions.head_from_bow_mi, positions.head_from_bow_tp};
@@ -72,6 +76,10 @@ void add_calibrate_chain(CLI::App& calibrate, ChosenCommand& chosen) {
           text += pose_line("bow_from_face", chain.bow_from_face) +
                   pose_line("dental_from_face", chain.dental_from_face) +
                   pose_line("bow_motion", chain.bow_motion);
+        if (chain.tracked)
+          text += fmt::format("tracker and scans: T_th {:.3f} mm, {:.3f} deg apart (p {:.2f})\n",
+                              chain.tracked->therapeutic_mm, chain.tracked->therapeutic_deg,
+                              chain.tracked->p_value);
         for (const std::string& m : chain.missing) text += "missing: " + m + "\n";
         for (const std::string& w : chain.warnings) text += "warning: " + w + "\n";
         return CommandOutput{text, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace), false};

@@ -60,7 +60,7 @@ Status add_chain(const CaseFile& files, const Chain& chain, FramesGraph& graph) 
                                       "bow in the face scan in TP", "bow in face TP")));
   GNATHION_CHECK_OK(
       graph.add(edge_of("face_mi", "face_tp", head.value, head.covariance, tp_date,
-                        "head frame and upper face of the two face scans", "head between faces")));
+                        "head in the two face scans", "head between faces")));
   const char* const names[kChainStates] = {"T_D", "T_F", "bow in face TP", "head between faces"};
   for (int a = 0; a < kChainStates; ++a)
     for (int b = a + 1; b < kChainStates; ++b)

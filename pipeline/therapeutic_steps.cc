@@ -73,14 +73,19 @@ Result<ChainScans> read_chain_scans(const ChainFiles& files) {
   return scans;
 }
 
+Result<JawPositions> resting_positions(const SessionMotion& session, const PlateauOptions& options) {
+  GNATHION_TRY(JawPositions positions, find_jaw_positions(session, options));
+  GNATHION_CHECK_OK(check_rests(positions, options));
+  return positions;
+}
+
 Result<CameraRoute> camera_route(const SessionMotion& session, const ChainPose& bow_from_dental,
                                  const PlateauOptions& given) {
   PlateauOptions options = given;
   // Dispersion and closure are told where they matter: at the teeth, the dental origin seen by the bow.
   options.point_in_bow_mm = bow_from_dental.value.translation_mm;
   CameraRoute route;
-  GNATHION_TRY(route.positions, find_jaw_positions(session, options));
-  GNATHION_CHECK_OK(check_rests(route.positions, options));
+  GNATHION_TRY(route.positions, resting_positions(session, options));
   for (const Slip& slip : find_slips(session, route.positions, options)) route.slips.push_back(slip.text());
   route.estimate = therapeutic_from_camera(bow_from_dental, route.positions.head_from_bow_mi,
                                            route.positions.head_from_bow_tp);

@@ -26,6 +26,9 @@ struct ChainFiles {
 };
 Result<ChainScans> read_chain_scans(const ChainFiles& files);
 
+/// MI and TP of a session. Errors (kInput): the jaw moves in one of them, or they overlap.
+Result<JawPositions> resting_positions(const SessionMotion& session, const PlateauOptions& options);
+
 /// T_th by the camera route.
 struct CameraRoute {
   JawPositions positions;

@@ -19,6 +19,7 @@ constexpr std::size_t kTried = 16;         // of which these meet the true surfa
 constexpr std::size_t kTryPoints = 300;
 constexpr std::size_t kRefined = 5;  // and these with many
 constexpr std::size_t kRefinePoints = 1200;
+constexpr double kHopeless = 0.5;  // of the best one's support: far below what clear_margin asks
 
 struct Scored {
   Rigid3 target_from_source;
@@ -160,6 +161,8 @@ Result<CoarseMatch> find_pose(const SearchSurface& source, const SearchSurface& 
     scored = ranked(std::move(scored), model, spacing, kRefined);
   };
   refine(kTryPoints, 10, 2.0 * fine_tolerance);
+  // Many points cost most. A pose with half the support of the best will not come near it.
+  while (scored.size() > 1 && scored.back().score < kHopeless * scored.front().score) scored.pop_back();
   refine(kRefinePoints, 25, fine_tolerance);
 
   if (scored.empty() || scored[0].score < 0.5 * options.overlap) {

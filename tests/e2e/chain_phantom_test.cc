@@ -7,6 +7,7 @@
 
 #include "calibration/chain.h"
 #include "calibration/composition.h"
+#include "core/random.h"
 #include "phantom/case.h"
 #include "phantom/case_scans.h"
 #include "phantom/patient.h"
@@ -35,13 +36,7 @@ double chi2(const Rigid3& estimate, const Matrix6& covariance, const Rigid3& tru
   return xi.dot(covariance.ldlt().solve(xi));
 }
 
-class ChainOnPhantom : public ::testing::TestWithParam<std::uint64_t> {};
-
-TEST_P(ChainOnPhantom, FindsTruth) {
-  const std::uint64_t seed = GetParam();
-  const PhantomPatient patient = make_phantom_patient(seed);
-  const PhantomScanPoses poses = phantom_scan_poses(seed);
-  const PhantomTruth truth = phantom_truth(patient, poses);
+ChainScans scans_of(const PhantomPatient& patient, const PhantomScanPoses& poses, std::uint64_t seed) {
   const auto scan = [&](PhantomScanKind kind) { return simulate_phantom_scan(patient, poses, kind, seed); };
   ChainScans scans;
   scans.mandible_mi = scan(PhantomScanKind::kMandibleMi);
@@ -50,6 +45,18 @@ TEST_P(ChainOnPhantom, FindsTruth) {
   scans.faces_tp = {scan(PhantomScanKind::kFaceTp)};
   scans.bow_model = patient.bow.surface;
   scans.head_frame_model = patient.head_frame.surface;
+  return scans;
+}
+
+class ChainOnPhantom : public ::testing::TestWithParam<std::uint64_t> {};
+
+TEST_P(ChainOnPhantom, FindsTruth) {
+  const std::uint64_t seed = GetParam();
+  const PhantomPatient patient = make_phantom_patient(seed);
+  const PhantomScanPoses poses = phantom_scan_poses(seed);
+  const PhantomTruth truth = phantom_truth(patient, poses);
+  const auto scan = [&](PhantomScanKind kind) { return simulate_phantom_scan(patient, poses, kind, seed); };
+  const ChainScans scans = scans_of(patient, poses, seed);
   SilentProgress silent;
   const auto chain = solve_chain(scans, {}, silent);
   ASSERT_TRUE(chain) << chain.error().line();
@@ -92,6 +99,87 @@ TEST_P(ChainOnPhantom, FindsTruth) {
   EXPECT_LE(s.angle_deg, 0.10);
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, ChainOnPhantom, ::testing::Values(21u));
+
+/// A tracker's poses with 0.01 mm and 0.005 deg about `about_mm` (of the bow), as it states them.
+Uncertain<Transform<HeadFrame, Bow>> seen(const Rigid3& truth, const Vector3& about_mm, Random& rng) {
+  constexpr double kSigma_mm = 0.01, kSigma_rad = 0.005 / 57.29577951308232;
+  const Vector3 at = truth * about_mm;
+  const Matrix6 about = adjoint(Rigid3::from_translation(at));
+  Vector6 xi;
+  Matrix6 own = Matrix6::Zero();
+  for (int k = 0; k < 6; ++k) {
+    const double sigma = k < 3 ? kSigma_rad : kSigma_mm;
+    xi[k] = sigma * rng.normal();
+    own(k, k) = sigma * sigma;
+  }
+  const Rigid3 noisy = exp_se3(about * xi) * truth;
+  return {Transform<HeadFrame, Bow>(noisy), about * own * about.transpose()};
+}
+
+// A tracker's MI and TP enter the problem only where they agree with the scans.
+TEST(ChainWithTracker, AgreesOrIsRefused) {
+  constexpr std::uint64_t kSeed = 23;
+  const PhantomPatient patient = make_phantom_patient(kSeed);
+  const PhantomScanPoses poses = phantom_scan_poses(kSeed);
+  ChainScans scans = scans_of(patient, poses, kSeed);
+  SilentProgress silent;
+  const auto alone = solve_chain(scans, {}, silent);
+  ASSERT_TRUE(alone) << alone.error().line();
+
+  // K = H⁻¹·M: head frame and bow as truth has them, in MI and in TP.
+  const Rigid3 mi = patient.head_from_dental.rigid * patient.bow_from_dental.rigid.inverse();
+  const Rigid3 tp =
+      patient.head_from_dental.rigid * patient.therapeutic.rigid * patient.bow_from_dental.rigid.inverse();
+  const Vector3 teeth_mm = patient.bow_from_dental.rigid * patient.jaws.landmarks.lower_incisal_point_mm;
+  Random rng(kSeed);
+  ChainOptions options;
+  options.tracked = TrackedPositions{seen(mi, teeth_mm, rng), seen(tp, teeth_mm, rng)};
+  const auto chain = solve_chain(scans, options, silent);
+  ASSERT_TRUE(chain) << chain.error().line();
+  ASSERT_TRUE(chain->tracked);
+  EXPECT_LT(chain->tracked->therapeutic_mm, 0.25);
+  ASSERT_TRUE(chain->tracked->head_from_bow_mm);
+  // The tracker knows T_B better than the scans: so does the chain now, and says so.
+  const auto before = therapeutic_from_faces(*alone), after = therapeutic_from_faces(*chain);
+  const TriangleMesh& arch = patient.jaws.mandible_mi;
+  EXPECT_LE(error_at_teeth(after.therapeutic.value.rigid, patient.therapeutic.rigid, {}, arch).max_mm, 0.05);
+  EXPECT_LT(after.therapeutic.covariance.trace(), 0.25 * before.therapeutic.covariance.trace());
+  EXPECT_LT(chi2(after.therapeutic.value.rigid, after.therapeutic.covariance, patient.therapeutic.rigid),
+            27.9);
+  EXPECT_LT(
+      chi2(chain->bow_from_dental.value, chain->bow_from_dental.covariance, patient.bow_from_dental.rigid),
+      27.9);
+
+  // Repeated scans, two of each, know T_D and T_F better, and say so.
+  const ChainScans more = scans_of(patient, phantom_scan_poses(kSeed + 1), kSeed + 1);
+  scans.clutch_scans.push_back(more.clutch_scans.front());
+  scans.faces_mi.push_back(more.faces_mi.front());
+  scans.faces_tp.push_back(more.faces_tp.front());
+  const auto repeated = solve_chain(scans, options, silent);
+  ASSERT_TRUE(repeated) << repeated.error().line();
+  EXPECT_LT(repeated->bow_from_dental.covariance.trace(), 0.75 * chain->bow_from_dental.covariance.trace());
+  EXPECT_LT(repeated->bow_from_face.covariance.trace(), 0.75 * chain->bow_from_face.covariance.trace());
+  EXPECT_LT(chi2(repeated->bow_from_dental.value, repeated->bow_from_dental.covariance,
+                 patient.bow_from_dental.rigid),
+            27.9);
+  scans = scans_of(patient, poses, kSeed);
+
+  // TP of another bite: 0.6 mm away.
+  options.tracked->head_from_bow_tp.value.rigid =
+      Rigid3::from_translation({0.0, 0.6, 0.0}) * options.tracked->head_from_bow_tp.value.rigid;
+  const auto elsewhere = solve_chain(scans, options, silent);
+  ASSERT_FALSE(elsewhere);
+  EXPECT_EQ(elsewhere.error().code, ErrorCode::kGate);
+  EXPECT_NE(elsewhere.error().line().find("T_th by tracker and by face scans"), std::string::npos)
+      << elsewhere.error().line();
+
+  // A head frame whose file means another frame than its CAD surface: the same in MI and TP.
+  const Rigid3 shift = Rigid3::from_translation({0.0, 1.5, 0.0});
+  options.tracked = TrackedPositions{seen(shift * mi, teeth_mm, rng), seen(shift * tp, teeth_mm, rng)};
+  const auto shifted = solve_chain(scans, options, silent);
+  ASSERT_FALSE(shifted);
+  EXPECT_NE(shifted.error().line().find("head frame at MI"), std::string::npos) << shifted.error().line();
+}
 
 TEST(ChainWithoutBow, IsRefused) {
   constexpr std::uint64_t kSeed = 22;
