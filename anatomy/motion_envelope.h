@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "occlusion/arch.h"
@@ -34,10 +35,13 @@ class MotionEnvelope {
  private:
   static constexpr int kPoints = 5;
   using Features = Eigen::Matrix<double, 3 * kPoints, 1>;
+  static constexpr std::size_t kMi = static_cast<std::size_t>(-1);
   Features features_of(const Rigid3& motion) const;
+  static std::pair<double, int> largest_of(const Features& f);
 
   std::vector<Vector3> points_mm_;
-  std::vector<Features> rows_;  ///< MI first
+  std::vector<Features> rows_;      ///< MI first; positions that say the same only once
+  std::vector<std::size_t> index_;  ///< of each row in the motions given; kMi: MI
   double reach_mm_ = 0.0;
 };
 

@@ -1,9 +1,10 @@
 #include "anatomy/realizability.h"
 
-#include <nlohmann/json.hpp>
+#include <algorithm>
+#include <cmath>
+#include <utility>
 
 #include "anatomy/constraints.h"
-#include "core/mesh_query.h"
 #include "occlusion/contacts.h"
 #include "occlusion/teeth.h"
 
@@ -20,18 +21,11 @@ Verdict verdict_of(const std::vector<Constraint>& constraints) {
   return verdict;
 }
 
-nlohmann::json constraint_json(const Constraint& c) {
-  nlohmann::json j;
-  j["name"] = c.name;
-  j["value"] = c.checked ? nlohmann::json(c.value) : nlohmann::json(nullptr);
-  j["limit"] = c.checked ? nlohmann::json(c.limit) : nlohmann::json(nullptr);
-  j["unit"] = c.unit;
-  j["pass"] = c.pass;
-  j["where_mm"] = {c.where_mm.x(), c.where_mm.y(), c.where_mm.z()};
-  j["teeth"] = nlohmann::json::array();
-  for (const auto fdi : c.teeth) j["teeth"].push_back(static_cast<int>(fdi));
-  j["consequence"] = c.consequence;
-  return j;
+void add_sigmas(const std::optional<Matrix6>& covariance, std::vector<Constraint>* constraints) {
+  if (!covariance) return;
+  for (auto& c : *constraints)
+    if (c.checked && !c.sigma && !c.gradient.isZero())
+      c.sigma = std::sqrt(std::max(0.0, c.gradient.dot(*covariance * c.gradient)));
 }
 
 }  // namespace
@@ -48,6 +42,13 @@ const char* verdict_name(Verdict verdict) {
   return "not_realizable";
 }
 
+std::optional<double> Constraint::confidence() const {
+  if (!sigma || !checked) return std::nullopt;
+  const double away = (pass ? 1.0 : -1.0) * (value - limit) * (at_least ? 1.0 : -1.0);
+  if (*sigma <= 0.0) return away >= 0.0 ? 1.0 : 0.0;
+  return 0.5 * std::erfc(-away / (*sigma * std::sqrt(2.0)));
+}
+
 std::vector<std::string> Feasibility::violated() const {
   std::vector<std::string> names;
   for (const auto& c : constraints)
@@ -57,11 +58,15 @@ std::vector<std::string> Feasibility::violated() const {
 
 struct RealizabilityChecker::Jaws {
   RealizabilityLimits limits;
+  std::vector<LimitRow> table;
   ArchFrame arch;
   std::vector<std::uint8_t> maxilla_fdi, mandible_fdi;
   MeshQuery maxilla, mandible;
   Overlap overlap_mi;
-  Contacts contacts_mi;
+  std::vector<ToothOverlap> tooth_overlap_mi;
+  std::vector<StampSample> stamp;
+  JointPair joints;
+  std::optional<MotionEnvelope> envelope;
 };
 
 RealizabilityChecker::RealizabilityChecker(std::unique_ptr<Jaws> jaws) : jaws_(std::move(jaws)) {}
@@ -71,48 +76,101 @@ RealizabilityChecker& RealizabilityChecker::operator=(RealizabilityChecker&&) no
 const ArchFrame& RealizabilityChecker::arch() const {
   return jaws_->arch;
 }
+const RealizabilityLimits& RealizabilityChecker::limits() const {
+  return jaws_->limits;
+}
+const JointPair& RealizabilityChecker::joints() const {
+  return jaws_->joints;
+}
 
 Result<RealizabilityChecker> RealizabilityChecker::create(const TriangleMesh& maxilla,
                                                           const TriangleMesh& mandible_mi,
                                                           const RealizabilityLimits& limits) {
   GNATHION_TRY(const ArchFrame arch, find_arch(maxilla, mandible_mi));
   auto jaws = std::make_unique<Jaws>(Jaws{.limits = limits,
+                                          .table = limit_table(limits),
                                           .arch = arch,
                                           .maxilla_fdi = assign_teeth(maxilla, arch, Arch::kMaxilla),
                                           .mandible_fdi = assign_teeth(mandible_mi, arch, Arch::kMandible),
                                           .maxilla = MeshQuery(maxilla),
                                           .mandible = MeshQuery(mandible_mi),
                                           .overlap_mi = {},
-                                          .contacts_mi = {}});
-  jaws->overlap_mi = find_overlap(jaws->maxilla, jaws->mandible, Rigid3::identity(), arch.up);
-  jaws->contacts_mi = find_contacts(mandible_mi, jaws->mandible_fdi, Rigid3::identity(), jaws->maxilla,
-                                    -arch.up, arch, limits.contact_mm);
+                                          .tooth_overlap_mi = {},
+                                          .stamp = {},
+                                          .joints = {},
+                                          .envelope = {}});
+  const Rigid3 mi;
+  jaws->overlap_mi = find_overlap(jaws->maxilla, jaws->mandible, mi, arch.up);
+  if (jaws->overlap_mi.depth_mm > 0.0)
+    jaws->tooth_overlap_mi = tooth_overlaps(jaws->maxilla, jaws->mandible, jaws->mandible_fdi, arch, mi);
+  jaws->stamp = stamp_samples(jaws->maxilla, mandible_mi, jaws->mandible_fdi, arch);
   return RealizabilityChecker(std::move(jaws));
 }
 
-Feasibility RealizabilityChecker::check(const Motion<Dental>& therapeutic) const {
+void RealizabilityChecker::use_joints(const Joints& joints) {
+  jaws_->joints = ready_joints(joints, jaws_->arch.up);
+}
+
+void RealizabilityChecker::use_recording(const std::vector<Rigid3>& motions) {
+  jaws_->envelope.emplace(motions, jaws_->arch, condyle_mm(Side::kLeft), condyle_mm(Side::kRight));
+}
+
+Vector3 RealizabilityChecker::condyle_mm(Side side) const {
+  const ArchFrame& arch = jaws_->arch;
+  const RealizabilityLimits& l = jaws_->limits;
+  const auto& known = side == Side::kLeft ? jaws_->joints.left : jaws_->joints.right;
+  if (known) return known->joint().centre_mm();
+  const double sideways = side == Side::kLeft ? l.condyle_half_distance_mm : -l.condyle_half_distance_mm;
+  return arch.incisal_mm - l.condyle_behind_mm * arch.anterior + l.condyle_above_mm * arch.up +
+         sideways * arch.left;
+}
+
+Feasibility RealizabilityChecker::check(const Motion<Dental>& therapeutic,
+                                        const std::optional<Matrix6>& covariance, bool with_support) const {
+  const Jaws& j = *jaws_;
   const Rigid3& motion = therapeutic.rigid;
-  const JawsInTp jaws{
-      .maxilla = jaws_->maxilla,
-      .mandible = jaws_->mandible,
-      .maxilla_fdi = jaws_->maxilla_fdi,
-      .mandible_fdi = jaws_->mandible_fdi,
-      .arch = jaws_->arch,
-      .overlap_mi = jaws_->overlap_mi,
-      .contacts_mi = jaws_->contacts_mi,
-      .therapeutic = motion,
-      .overlap_tp = find_overlap(jaws_->maxilla, jaws_->mandible, motion, jaws_->arch.up),
-      .clearances = tooth_clearances(jaws_->maxilla, jaws_->maxilla_fdi, jaws_->mandible.mesh(),
-                                     jaws_->mandible_fdi, motion, jaws_->arch)};
+  JawsInTp jaws{.maxilla = j.maxilla,
+                .mandible = j.mandible,
+                .maxilla_fdi = j.maxilla_fdi,
+                .mandible_fdi = j.mandible_fdi,
+                .arch = j.arch,
+                .limits = j.limits,
+                .table = j.table,
+                .overlap_mi = j.overlap_mi,
+                .tooth_overlap_mi = j.tooth_overlap_mi,
+                .stamp = j.stamp,
+                .joints = j.joints,
+                .envelope = j.envelope ? &*j.envelope : nullptr,
+                .condyle_left_mm = condyle_mm(Side::kLeft),
+                .condyle_right_mm = condyle_mm(Side::kRight),
+                .therapeutic = motion,
+                .overlap_tp = find_overlap(j.maxilla, j.mandible, motion, j.arch.up),
+                .tooth_overlap_tp = {},
+                .clearances = tooth_clearances(j.maxilla, j.maxilla_fdi, j.mandible.mesh(), j.mandible_fdi,
+                                               motion, j.arch)};
+  if (jaws.overlap_tp.depth_mm > 0.0)
+    jaws.tooth_overlap_tp = tooth_overlaps(j.maxilla, j.mandible, j.mandible_fdi, j.arch, motion);
+
   Feasibility out;
-  out.arch = jaws_->arch;
-  out.constraints = {mandible_below_maxilla(jaws), no_intersection(jaws, jaws_->limits),
-                     interocclusal_clearance(jaws, jaws_->limits), wall_room(jaws, jaws_->limits)};
-  for (auto& c : reachable_from_mi(jaws_->arch, motion, jaws_->limits))
-    out.constraints.push_back(std::move(c));
-  out.constraints.push_back(uniform_contact(jaws, jaws_->limits));
-  out.constraints.push_back(joints_not_checked());
+  out.arch = j.arch;
+  out.joints = joint_reports(jaws, covariance);
+  out.constraints = {mandible_below_maxilla(jaws), no_intersection(jaws), interocclusal_clearance(jaws),
+                     wall_room(jaws)};
+  for (auto& c : reachable_from_mi(jaws)) out.constraints.push_back(std::move(c));
+  if (jaws.envelope) out.constraints.push_back(recorded_envelope(jaws));
+  if (with_support) {
+    const Support support = support_in_tp(jaws);
+    out.constraints.push_back(uniform_contact(jaws, support));
+    out.constraints.push_back(support_polygon(jaws, support));
+    out.support = support.report;
+  }
+  for (auto& c : joint_constraints(jaws, out.joints)) out.constraints.push_back(std::move(c));
+  add_sigmas(covariance, &out.constraints);
   out.verdict = verdict_of(out.constraints);
+  out.teeth = tooth_rooms(jaws);
+  out.overlap = {jaws.overlap_tp.depth_mm, jaws.overlap_tp.volume_mm3, j.overlap_mi.depth_mm,
+                 j.overlap_mi.volume_mm3};
+  out.joints_source = out.joints.empty() ? "joints not checked: no CBCT" : j.joints.known.source;
   return out;
 }
 
@@ -122,15 +180,6 @@ Result<Feasibility> check_realizability(const TriangleMesh& maxilla, const Trian
   GNATHION_TRY(const RealizabilityChecker checker,
                RealizabilityChecker::create(maxilla, mandible_mi, limits));
   return checker.check(therapeutic);
-}
-
-nlohmann::json feasibility_json(const Feasibility& feasibility) {
-  nlohmann::json j;
-  j["verdict"] = verdict_name(feasibility.verdict);
-  j["violated"] = feasibility.violated();
-  j["constraints"] = nlohmann::json::array();
-  for (const auto& c : feasibility.constraints) j["constraints"].push_back(constraint_json(c));
-  return j;
 }
 
 }  // namespace gnathion

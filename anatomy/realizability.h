@@ -4,9 +4,13 @@
 #include <cstdint>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "anatomy/joint_space.h"
+#include "anatomy/limits.h"
+#include "anatomy/motion_envelope.h"
 #include "core/mesh.h"
 #include "core/result.h"
 #include "core/transform.h"
@@ -14,41 +18,8 @@
 
 namespace gnathion {
 
-/// Limits; each has its source in docs/realizability.md. Displacements are told in the arch's directions,
-/// relative to MI.
-struct RealizabilityLimits {
-  // Room for the splint.
-  double wall_mm = 1.0;               ///< clearance where a full wall can stand
-  double aperture_mm = 0.5;           ///< with less room than this an aperture opens
-  double overlap_beyond_mi_mm = 0.1;  ///< overlap accepted beyond what MI itself shows by computation
-  // Rotation of the mandible.
-  double opening_deg = 35.0, closing_deg = 3.0;  ///< about the transverse axis, both ways
-  double yaw_deg = 8.0;                          ///< about the occlusal normal
-  double roll_deg = 5.0;                         ///< about the sagittal axis
-  // Displacement of the incisal point.
-  double vertical_opening_mm = 25.0;
-  double protrusion_mm = 12.0;
-  double laterotrusion_mm = 12.0;
-  // Displacement of the estimated condyles.
-  double condyle_forward_mm = 15.0;
-  double condyle_back_mm = 1.5;
-  double condyle_down_mm = 12.0;
-  double condyle_up_mm = 2.0;
-  double condyle_lateral_mm = 3.0;  ///< of both together (Bennett movement)
-  // Where the condyles are taken to be, from the incisal point; and how far that can be wrong, which
-  // widens their limits by this times the rotation.
-  double condyle_behind_mm = 88.0, condyle_above_mm = 35.0, condyle_half_distance_mm = 52.0;
-  double condyle_uncertainty_mm = 10.0;
-  // Support.
-  double contact_mm = 0.05;         ///< gap that counts as contact in MI
-  double weaker_side_share = 0.15;  ///< of the contact area that remains, on the weaker side
-};
-
 enum class Verdict { kRealizable, kRealizableWithApertures, kNotRealizable };
 const char* verdict_name(Verdict verdict);  ///< as in feasibility.json
-
-/// What a failed constraint does to the verdict.
-enum class Severity { kInforms, kApertures, kBlocks };
 
 struct Constraint {
   std::string name;
@@ -57,16 +28,69 @@ struct Constraint {
   std::string unit;
   bool checked = true;  ///< false: nothing to check it with; value and limit are null in the JSON
   bool pass = true;
+  bool at_least = false;  ///< the value must not be below the limit; else not above
   Severity severity = Severity::kBlocks;
   Vector3 where_mm = Vector3::Zero();    ///< in Dental, of the mandible in TP
   std::vector<std::uint8_t> teeth = {};  ///< FDI numbers, ascending
   std::string consequence = {};          ///< what follows, in plain words
+  /// Of `value` by T_th's left perturbation (rad, mm); zero where it is not known.
+  Vector6 gradient = Vector6::Zero();
+  /// Standard deviation of `value` by T_th's covariance (and the joints'), where that is known.
+  std::optional<double> sigma = {};
+  /// How probable it is that the truth lies on the side of the limit that `pass` says; nothing without sigma.
+  std::optional<double> confidence() const;
+};
+
+/// The mandible's teeth, each with its room.
+struct ToothRoom {
+  std::uint8_t fdi = 0, opposing_fdi = 0;
+  double clearance_mm = 0.0;  ///< smallest distance to the maxilla; negative inside, and above it
+  double vertical_mm = 0.0;   ///< median height of the maxilla over it along the occlusal normal
+  bool opposed = false;       ///< the maxilla is over (or under) enough of it to tell vertical_mm
+  double overlap_beyond_mi_mm = 0.0, overlap_mm3 = 0.0;
+  std::string room;  ///< "wall", "thin wall", "aperture", "none: intersects", "none: above the maxilla"
+};
+
+/// How the jaws pass through each other, in TP and in MI.
+struct OverlapReport {
+  double depth_mm = 0.0, volume_mm3 = 0.0;
+  double mi_depth_mm = 0.0, mi_volume_mm3 = 0.0;
+  double beyond_mi_mm3() const { return volume_mm3 > mi_volume_mm3 ? volume_mm3 - mi_volume_mm3 : 0.0; }
+};
+
+/// The gap between stamp (T_th·S_occ) and mandible in TP, over one part of the lower occlusal surface.
+struct StampGap {
+  double area_mm2 = 0.0;  ///< of the part that the stamp is over
+  double p05_mm = 0.0, median_mm = 0.0, p95_mm = 0.0;
+  double contact_mm2 = 0.0;       ///< gap at most contact_mm
+  double kept_contact_mm2 = 0.0;  ///< of it, with room for a wall over it
+};
+/// What carries the mandible in TP.
+struct SupportReport {
+  StampGap left, front, right, all;  ///< premolars and molars of a side; incisors and canines
+  std::vector<Vector3> polygon_mm;   ///< convex hull of the kept contacts seen along the occlusal normal, TP
+  double polygon_mm2 = 0.0;
+  double margin_mm = 0.0;  ///< of the arch's middle inside the polygon; negative outside
+};
+
+/// One joint in TP.
+struct JointReport {
+  Side side = Side::kLeft;
+  JointSpace mi, tp;
+  Vector3 condyle_path_mm = Vector3::Zero();  ///< displacement of the condyle's centre: left, back, up
+  std::optional<double> sigma_mm;             ///< of tp.min_mm
 };
 
 struct Feasibility {
   Verdict verdict = Verdict::kRealizable;
   std::vector<Constraint> constraints;
   ArchFrame arch;
+  std::vector<ToothRoom> teeth;  ///< by FDI number
+  OverlapReport overlap;
+  SupportReport support;
+  std::vector<JointReport> joints;  ///< those that are known
+  std::string joints_source;        ///< "joints not checked: no CBCT" where there are none
+  std::vector<std::string> notes;
   /// Names of the failed constraints that bear on the verdict.
   std::vector<std::string> violated() const;
 };
@@ -82,9 +106,20 @@ class RealizabilityChecker {
   RealizabilityChecker(RealizabilityChecker&&) noexcept;
   RealizabilityChecker& operator=(RealizabilityChecker&&) noexcept;
 
-  /// Thread-safe; the result does not depend on the number of threads.
-  Feasibility check(const Motion<Dental>& therapeutic) const;
+  /// From now on the joints are checked. Before any check(); not while one runs.
+  void use_joints(const Joints& joints);
+  /// The patient's own recorded motions of the mandible from MI.
+  void use_recording(const std::vector<Rigid3>& motions);
+
+  /// Thread-safe; the result does not depend on the number of threads. `with_support` false leaves
+  /// Feasibility::support and what is told from it out.
+  Feasibility check(const Motion<Dental>& therapeutic, const std::optional<Matrix6>& covariance = {},
+                    bool with_support = true) const;
   const ArchFrame& arch() const;
+  const RealizabilityLimits& limits() const;
+  /// Centres of the condyles: from the joints, else estimated.
+  Vector3 condyle_mm(Side side) const;
+  const JointPair& joints() const;
 
  private:
   struct Jaws;
@@ -97,7 +132,7 @@ Result<Feasibility> check_realizability(const TriangleMesh& maxilla, const Trian
                                         const Motion<Dental>& therapeutic,
                                         const RealizabilityLimits& limits = {});
 
-/// feasibility.json: verdict, violated, constraints; see docs/realizability.md.
+/// feasibility.json: verdict, violated, constraints, and what stands behind them; see docs/realizability.md.
 nlohmann::json feasibility_json(const Feasibility& feasibility);
 
 }  // namespace gnathion
