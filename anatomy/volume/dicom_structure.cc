@@ -1,0 +1,217 @@
+// Looks over a DICOM file's lengths before a library believes them: a wrong one asks for gigabytes, or lies
+// about what was cut off. Source: DICOM PS3.5, chapter 7 (data elements, sequences, encapsulated pixels).
+#include <fmt/format.h>
+
+#include <cstring>
+
+#include "anatomy/volume/dicom_file.h"
+#include "anatomy/volume/inflate.h"
+#include "anatomy/volume/volume_checks.h"
+
+namespace gnathion {
+namespace {
+
+constexpr std::uint32_t kUndefined = 0xffffffffu;
+constexpr int kDeepest = 24;
+constexpr std::uint64_t kLargestInflated = std::uint64_t{2} << 30;
+
+class Walker {
+ public:
+  Walker(std::string_view bytes, bool explicit_vr, bool big)
+      : bytes_(bytes), explicit_(explicit_vr), big_(big) {}
+
+  /// The reason why not, or nothing.
+  std::string walk(std::size_t at) {
+    elements(at, bytes_.size(), explicit_, 0, false);
+    return why_;
+  }
+
+ private:
+  std::uint32_t u16(std::size_t at) const {
+    const auto a = static_cast<unsigned char>(bytes_[at]), b = static_cast<unsigned char>(bytes_[at + 1]);
+    return big_ ? static_cast<std::uint32_t>(a << 8 | b) : static_cast<std::uint32_t>(b << 8 | a);
+  }
+  std::uint32_t u32(std::size_t at) const {
+    return big_ ? u16(at) << 16 | u16(at + 2) : u16(at + 2) << 16 | u16(at);
+  }
+  std::size_t stop(const std::string& why) {
+    if (why_.empty()) why_ = why;
+    return bytes_.size();
+  }
+  std::size_t cut(std::uint32_t group, std::uint32_t element, std::uint64_t length, std::size_t left) {
+    const bool pixels = group == 0x7fe0;
+    return stop(
+        pixels ? fmt::format("truncated: its pixels take {} bytes, {} are there", length, left)
+               : fmt::format("truncated or damaged: element ({:04x},{:04x}) takes {} bytes, {} are there",
+                             group, element, length, left));
+  }
+
+  static bool long_form(const char* vr) {
+    for (const char* v : {"OB", "OW", "OF", "OD", "OL", "OV", "SQ", "UC", "UR", "UT", "UN", "SV", "UV"})
+      if (std::memcmp(vr, v, 2) == 0) return true;
+    return false;
+  }
+
+  /// Elements up to `end`, or, in an item without a length, up to its delimiter. Returns where they end.
+  std::size_t elements(std::size_t at, std::size_t end, bool explicit_vr, int depth, bool delimited) {
+    if (depth > kDeepest) return stop("damaged: its sequences are nested without end");
+    while (at + 8 <= end && why_.empty()) {
+      const std::uint32_t group = u16(at), element = u16(at + 2);
+      if (group == 0xfffe) {
+        if (element == 0xe00d && delimited) return at + 8;
+        return stop("damaged: an item stands outside a sequence");
+      }
+      std::size_t value = at + 8;
+      std::uint32_t length;
+      bool sequence = false, unknown = false;
+      if (explicit_vr) {
+        const char* vr = bytes_.data() + at + 4;
+        if (vr[0] < 'A' || vr[0] > 'Z' || vr[1] < 'A' || vr[1] > 'Z')
+          return stop(
+              fmt::format("damaged: element ({:04x},{:04x}) has no value representation", group, element));
+        sequence = std::memcmp(vr, "SQ", 2) == 0;
+        unknown = std::memcmp(vr, "UN", 2) == 0;
+        if (long_form(vr)) {
+          if (at + 12 > end) return cut(group, element, 12, end - at);
+          length = u32(at + 8);
+          value = at + 12;
+        } else {
+          length = u16(at + 6);
+        }
+      } else {
+        length = u32(at + 4);
+      }
+      if (length == kUndefined) {
+        at = group == 0x7fe0 && element == 0x10 ? fragments(value, end)
+                                                : items(value, end, explicit_vr && !unknown, depth);
+        continue;
+      }
+      if (length > end - value) return cut(group, element, length, end - value);
+      if (sequence) items(value, value + length, explicit_vr, depth);
+      at = value + length;
+    }
+    if (why_.empty() && delimited) return stop("truncated: a sequence does not end");
+    if (why_.empty() && at != end && end == bytes_.size() && end - at < 8 && end - at > 0 && depth == 0)
+      return end;  // odd padding at the end of the file
+    return at;
+  }
+
+  std::size_t items(std::size_t at, std::size_t end, bool explicit_vr, int depth) {
+    while (at + 8 <= end && why_.empty()) {
+      const std::uint32_t group = u16(at), element = u16(at + 2), length = u32(at + 4);
+      at += 8;
+      if (group == 0xfffe && element == 0xe0dd) return at;
+      if (group != 0xfffe || element != 0xe000)
+        return stop("damaged: a sequence holds something else than items");
+      if (length == kUndefined) {
+        at = elements(at, end, explicit_vr, depth + 1, true);
+      } else {
+        if (length > end - at) return cut(group, element, length, end - at);
+        elements(at, at + length, explicit_vr, depth + 1, false);
+        at += length;
+      }
+    }
+    return at;
+  }
+
+  std::size_t fragments(std::size_t at, std::size_t end) {
+    while (at + 8 <= end && why_.empty()) {
+      const std::uint32_t group = u16(at), element = u16(at + 2), length = u32(at + 4);
+      at += 8;
+      if (group == 0xfffe && element == 0xe0dd) return at;
+      if (group != 0xfffe || element != 0xe000)
+        return stop("damaged: its compressed pixels hold something else");
+      if (length > end - at) return cut(0x7fe0, 0x10, length, end - at);
+      at += length;
+    }
+    return stop("truncated: its compressed pixels do not end");
+  }
+
+  std::string_view bytes_;
+  bool explicit_, big_;
+  std::string why_;
+};
+
+/// Transfer syntax and where the data set begins, from the file meta information.
+struct Meta {
+  std::string syntax, why;
+  std::size_t data = 0;
+};
+Meta read_meta(std::string_view bytes) {
+  Meta meta;
+  std::size_t at = 132;
+  const auto u16 = [&](std::size_t i) {
+    return static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i]) |
+                                      static_cast<unsigned char>(bytes[i + 1]) << 8);
+  };
+  while (at + 8 <= bytes.size() && u16(at) == 2) {
+    const std::uint32_t element = u16(at + 2);
+    const bool is_long =
+        std::memcmp(bytes.data() + at + 4, "OB", 2) == 0 || std::memcmp(bytes.data() + at + 4, "UN", 2) == 0;
+    const std::size_t value = at + (is_long ? 12 : 8);
+    if (value > bytes.size()) break;
+    const std::uint64_t length =
+        is_long ? u16(at + 8) | static_cast<std::uint64_t>(u16(at + 10)) << 16 : u16(at + 6);
+    if (length > bytes.size() - value) {
+      meta.why = "truncated within its header";
+      return meta;
+    }
+    if (element == 0x10) {
+      meta.syntax = std::string(bytes.substr(value, length));
+      while (!meta.syntax.empty() && (meta.syntax.back() == '\0' || meta.syntax.back() == ' '))
+        meta.syntax.pop_back();
+    }
+    at = value + length;
+  }
+  meta.data = at;
+  if (meta.syntax.empty()) meta.why = "truncated or damaged: no transfer syntax";
+  return meta;
+}
+
+bool contains(std::string_view in, std::string_view what) {
+  return in.find(what) != std::string_view::npos;
+}
+
+}  // namespace
+
+DicomKind dicom_kind(std::string_view first, const std::string& file_name) {
+  if (first.size() >= 132 && first.substr(128, 4) == "DICM") {
+    std::string upper = file_name;
+    for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+    return upper == "DICOMDIR" ? DicomKind::kDirectory : DicomKind::kDicom;
+  }
+  // PKCS #7 / CMS: 1.2.840.113549.1.7.x near the start (DICOM PS3.15 B.1 wraps whole files in it).
+  static constexpr char kCms[] = "\x2a\x86\x48\x86\xf7\x0d\x01\x07";
+  if (first.size() > 20 && first[0] == '\x30' && contains(first.substr(0, 64), std::string_view(kCms, 8)))
+    return DicomKind::kEncrypted;
+  if (first.size() > 8 && first.substr(0, 8) == "Salted__") return DicomKind::kEncrypted;
+  if (first.size() > 8 && first.substr(0, 4) == std::string_view("PK\3\4", 4) && (first[6] & 1) != 0)
+    return DicomKind::kEncrypted;
+  return DicomKind::kNot;
+}
+
+Status check_dicom_structure(std::string_view bytes, const std::string& name) {
+  if (dicom_kind(bytes, name) != DicomKind::kDicom) return bad_input(kReadVolume, name, "not a DICOM file");
+  const Meta meta = read_meta(bytes);
+  if (!meta.why.empty()) return bad_input(kReadVolume, name, meta.why);
+  std::string why;
+  if (meta.syntax == "1.2.840.10008.1.2.1.99") {
+    std::string inflated;
+    why =
+        unpack(bytes.substr(meta.data), Packing::kRawDeflate, kLargestInflated, [&](std::string_view piece) {
+          inflated += piece;
+          return true;
+        });
+    if (why.empty())
+      why = Walker(inflated, true, false).walk(0);
+    else
+      why = "deflated: " + why;
+  } else {
+    const bool big = meta.syntax == "1.2.840.10008.1.2.2";
+    why = Walker(bytes, meta.syntax != "1.2.840.10008.1.2", big).walk(meta.data);
+  }
+  if (!why.empty()) return bad_input(kReadVolume, name, why);
+  return {};
+}
+
+}  // namespace gnathion

@@ -1,0 +1,84 @@
+// Otsu's criterion with three classes (Otsu 1979; Liao, Chen & Chung 2001): the two levels that part air,
+// soft tissue and bone with the largest variance between the classes.
+#include <algorithm>
+#include <numeric>
+
+#include "anatomy/volume/iso_surface.h"
+
+namespace gnathion {
+namespace {
+
+constexpr int kBins = 256;
+
+/// Counts between the 0.1 and the 99.9 percentile: metal and corners that the scanner fills do not stretch
+/// it.
+struct Histogram {
+  double low = 0.0, width = 1.0;
+  std::vector<double> counts = std::vector<double>(kBins, 0.0);
+  double centre(int bin) const { return low + (bin + 0.5) * width; }
+};
+
+Histogram histogram_of(const Volume& volume) {
+  const std::size_t count = volume.grid.count(), step = count / 4000000 + 1;
+  std::vector<float> values;
+  values.reserve(count / step + 1);
+  for (std::size_t i = 0; i < count; i += step) values.push_back(static_cast<float>(volume.value(i)));
+  std::sort(values.begin(), values.end());
+  Histogram h;
+  const std::size_t cut = values.size() / 1000;
+  h.low = static_cast<double>(values[cut]);
+  h.width = std::max(1e-6, (static_cast<double>(values[values.size() - 1 - cut]) - h.low) / kBins);
+  for (const float v : values)
+    h.counts[static_cast<std::size_t>(
+        std::clamp((static_cast<double>(v) - h.low) / h.width, 0.0, kBins - 1.0))] += 1.0;
+  return h;
+}
+
+/// Σ counts and Σ counts·value of bins [a, b).
+struct Sums {
+  std::vector<double> n = std::vector<double>(kBins + 1, 0.0), nv = std::vector<double>(kBins + 1, 0.0);
+  explicit Sums(const Histogram& h) {
+    for (int i = 0; i < kBins; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      n[k + 1] = n[k] + h.counts[k];
+      nv[k + 1] = nv[k] + h.counts[k] * h.centre(i);
+    }
+  }
+  double between(int a, int b) const {
+    const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
+    const double w = n[j] - n[i], s = nv[j] - nv[i];
+    return w > 0.0 ? s * s / w : 0.0;
+  }
+  double mean(int a, int b) const {
+    const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
+    return n[j] > n[i] ? (nv[j] - nv[i]) / (n[j] - n[i]) : 0.0;
+  }
+};
+
+}  // namespace
+
+TissueLevels tissue_levels(const Volume& volume) {
+  TissueLevels levels;
+  if (volume.empty()) return levels;
+  const Histogram h = histogram_of(volume);
+  const Sums sums(h);
+  int first = 1, second = 2;
+  double best = -1.0;
+  for (int a = 1; a < kBins - 1; ++a)
+    for (int b = a + 1; b < kBins; ++b) {
+      const double v = sums.between(0, a) + sums.between(a, b) + sums.between(b, kBins);
+      if (v > best) best = v, first = a, second = b;
+    }
+  levels.skin = h.low + first * h.width;
+  levels.bone = h.low + second * h.width;
+  levels.soft = sums.mean(first, second);
+  // Enamel is the densest tissue: what the top half percent of the bony voxels reaches.
+  double bony = 0.0, passed = 0.0;
+  for (int i = second; i < kBins; ++i) bony += h.counts[static_cast<std::size_t>(i)];
+  int top = kBins - 1;
+  while (top > second && (passed += h.counts[static_cast<std::size_t>(top)]) < 0.01 * bony) --top;
+  levels.crown = 0.5 * (levels.soft + h.centre(top));
+  return levels;
+}
+
+}  // namespace gnathion
