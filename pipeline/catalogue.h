@@ -59,6 +59,7 @@ class Catalogue {
 
  private:
   struct Database;
+  static Result<Catalogue> open_or_start_anew(const std::filesystem::path& file);
   explicit Catalogue(std::unique_ptr<Database> database);
   std::unique_ptr<Database> database_;
 };

@@ -12,7 +12,8 @@ Result<toml::table> read_toml(const std::filesystem::path& path, const char* wha
     return toml::parse(text, path.string());
   } catch (const toml::parse_error& e) {
     return bad_input(what, path.string(),
-                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
+                     fmt::format("line {}, column {}: {}", e.source().begin.line, e.source().begin.column,
+                                 std::string(e.description())));
   }
 }
 
