@@ -1,6 +1,7 @@
 // Which voxels of a volume belong to the mandible and move with it.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 

@@ -51,8 +51,9 @@ struct RangeAxis {
 struct RangeOptions {
   RangeAxis x{JawAxis::kProtrusion, -2.0, 8.0, 41};
   RangeAxis y{JawAxis::kOpening, 0.0, 12.0, 41};
-  JawCoordinates through;           ///< the other four
-  double condylar_slope_deg = 0.0;  ///< protrusion p lowers by p·tan(slope) more: the path down the eminence
+  JawCoordinates through;  ///< the other four
+  /// Protrusion p > 0 lowers by p·tan(slope) more: the condyles' path down the eminences.
+  double condylar_slope_deg = 0.0;
 };
 struct RangeCell {
   RangeVerdict verdict = RangeVerdict::kRealizable;
@@ -71,6 +72,10 @@ struct RealizableRange {
   /// Share of cells that a splint can hold.
   double realizable_share() const;
 };
+/// The motion that a cell stands for.
+Rigid3 range_motion(const RangeOptions& options, const RealizabilityChecker& checker, double x, double y);
+/// Where a position lies on the map: the values on its two axes.
+Eigen::Vector2d range_place(const RangeOptions& options, const JawCoordinates& position);
 
 /// Every cell is one full check (docs/realizability.md); on all cores, the same result on any number. With
 /// `cancel` set from another thread the work ends soon, with kInternal "cancelled". Refused with kUsage: the

@@ -17,17 +17,20 @@
 
 namespace gnathion {
 
-/// How the beam goes, told in Dental; unit vectors, at right angles.
+/// How the beam goes and how the film is looked at, told in Dental; unit vectors at right angles to each
+/// other.
 struct XrayView {
   std::string name;
-  Vector3 beam = Vector3::UnitX();  ///< from the source to the film
-  Vector3 up = Vector3::UnitZ();    ///< upwards on the film
+  Vector3 beam = -Vector3::UnitX();   ///< from the source to the film
+  Vector3 right = -Vector3::UnitY();  ///< to the right on the film
+  Vector3 up = Vector3::UnitZ();      ///< upwards on the film
 };
-/// "lateral" (beam from the patient's right to the left), "frontal" (postero-anterior), "towne" (30° from
-/// above, antero-posterior: beam down and back) or "submentovertex" (from below upwards).
+/// "lateral" (from the patient's left, the face looks right), "frontal" (postero-anterior), "towne"
+/// (antero-posterior, from 30° above), "submentovertex" (from below). In all but the first the patient's left
+/// is on the right. Another name is refused (kUsage).
 Result<XrayView> named_view(const std::string& name, const ArchFrame& arch);
-/// Any: the beam turned from postero-anterior by `turn_deg` about the occlusal normal (positive: the source
-/// goes to the patient's left) and by `tilt_deg` upwards.
+/// Any: from the frontal view's beam the source goes `turn_deg` to the patient's left (90: lateral), and the
+/// beam rises by `tilt_deg`.
 XrayView turned_view(double turn_deg, double tilt_deg, const ArchFrame& arch);
 
 struct XrayOptions {
@@ -36,6 +39,7 @@ struct XrayOptions {
   double depth_mm = 70.0;        ///< only this much of the head along the beam: the other joint stays out
   double source_mm = 0.0;        ///< from the joint's centre to the focus; 0: parallel beam
   double water_per_mm = 0.0206;  ///< attenuation of water, at 60 keV (NIST XCOM)
+  double soft_tissue = 50.0;     ///< value of what fills the hole that the mandible leaves
 };
 
 /// Line integrals of attenuation (no unit): the beam leaves exp(−value) of itself.
@@ -52,7 +56,8 @@ struct XrayWindow {
 };
 XrayWindow window_of(const XrayFilm& film);
 
-/// One joint seen in one view. Immutable; the film of the resting head is made once. Thread-safe.
+/// One joint seen in one view. Immutable; the film of the resting head is made once. Thread-safe. Refers to
+/// the volume, which must outlive it.
 class JointXray {
  public:
   /// `centre_mm`: of the condyle in Dental; `scanned_from_mi`: motion of the mandible from MI to where it was
