@@ -57,6 +57,8 @@ class Walker {
     if (depth > kDeepest) return stop("damaged: its sequences are nested without end");
     while (at + 8 <= end && why_.empty()) {
       const std::uint32_t group = u16(at), element = u16(at + 2);
+      if (depth == 0 && group == 0 && bytes_.find_first_not_of('\0', at) == std::string_view::npos)
+        return end;  // padded with zeros
       if (group == 0xfffe) {
         if (element == 0xe00d && delimited) return at + 8;
         return stop("damaged: an item stands outside a sequence");
@@ -91,8 +93,6 @@ class Walker {
       at = value + length;
     }
     if (why_.empty() && delimited) return stop("truncated: a sequence does not end");
-    if (why_.empty() && at != end && end == bytes_.size() && end - at < 8 && end - at > 0 && depth == 0)
-      return end;  // odd padding at the end of the file
     return at;
   }
 
