@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <cstdlib>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -27,7 +28,7 @@ Result<std::pair<double, double>> interval_of(const std::string& text) {
     const double start = std::strtod(first.c_str(), &end_first),
                  stop = std::strtod(second.c_str(), &end_second);
     if (!first.empty() && !second.empty() && *end_first == 0 && *end_second == 0 && start >= 0 &&
-        stop > start)
+        stop > start && std::isfinite(stop))
       return std::pair(start, stop);
   }
   return fail(ErrorCode::kUsage, "wrong usage", text, "an interval is START..END in seconds, as 3.2..3.9");

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "acquisition/pose_recording.h"
@@ -126,7 +127,7 @@ Result<std::pair<double, double>> parse_interval(const std::string& text) {
     const double start = std::strtod(first.c_str(), &end);
     const bool good = end != first.c_str() && *end == 0;
     const double stop = std::strtod(second.c_str(), &end);
-    if (good && end != second.c_str() && *end == 0 && start >= 0 && stop > start)
+    if (good && end != second.c_str() && *end == 0 && start >= 0 && stop > start && std::isfinite(stop))
       return std::pair(start, stop);
   }
   return fail(ErrorCode::kUsage, "wrong usage", text, "an interval is START..END in seconds, as 3.2..3.9");

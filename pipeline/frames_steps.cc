@@ -58,9 +58,8 @@ Status add_chain(const CaseFile& files, const Chain& chain, FramesGraph& graph) 
                                       "T_F: bow in the face scan in MI", "T_F")));
   GNATHION_CHECK_OK(graph.add(edge_of("bow_tp", "face_tp", tp.value, tp.covariance, tp_date,
                                       "bow in the face scan in TP", "bow in face TP")));
-  GNATHION_CHECK_OK(
-      graph.add(edge_of("face_mi", "face_tp", head.value, head.covariance, tp_date,
-                        "head in the two face scans", "head between faces")));
+  GNATHION_CHECK_OK(graph.add(edge_of("face_mi", "face_tp", head.value, head.covariance, tp_date,
+                                      "head in the two face scans", "head between faces")));
   const char* const names[kChainStates] = {"T_D", "T_F", "bow in face TP", "head between faces"};
   for (int a = 0; a < kChainStates; ++a)
     for (int b = a + 1; b < kChainStates; ++b)
@@ -197,6 +196,8 @@ class HandEdge {
   }
 
   Status read_covariance() {
+    if (table_.contains("covariance") && (table_.contains("sigma_mm") || table_.contains("sigma_deg")))
+      return bad(edge_.name() + ": give 'covariance' or 'sigma_mm' and 'sigma_deg', not both");
     if (table_.contains("covariance")) {
       GNATHION_TRY(const std::vector<double> v, numbers("covariance", 36));
       edge_.covariance = Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(v.data());

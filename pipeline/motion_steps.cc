@@ -35,6 +35,7 @@ Result<SessionMotion> track_recording(const std::filesystem::path& recording, co
                                       Progress& progress) {
   GNATHION_TRY(auto source, RecordingSource::open(recording));
   TrackOptions options;
+  options.fraction_read = [&source = *source] { return source.fraction(); };
   return track_session(*source, rig, options, progress);
 }
 

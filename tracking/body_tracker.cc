@@ -76,7 +76,7 @@ struct Tile {
 
 /// Tiles that overlap by half, so that a tag of up to a tenth of the image lies whole in one of them.
 std::vector<Tile> tiles_of(const CameraModel& camera) {
-  const int width = camera.width_px / 5, height = camera.height_px / 4;
+  const int width = std::max(2, camera.width_px / 5), height = std::max(2, camera.height_px / 4);
   std::vector<Tile> tiles;
   for (int y = 0; y + height / 2 < camera.height_px; y += height / 2)
     for (int x = 0; x + width / 2 < camera.width_px; x += width / 2) tiles.push_back({x, y, width, height});

@@ -18,8 +18,31 @@ struct Reading {
   HostTime capture;
   bool valid = false;
   std::string reason;
-  Rigid3 pose;  ///< transmitter_from_sensor
+  Rigid3 pose;        ///< transmitter_from_sensor
+  bool lost = false;  ///< told by the ledger: its time is that of the line, not its own
 };
+
+/// Lost readings are told when the next one has come, with its time: they were taken between the two
+/// neighbours that arrived, evenly.
+void spread_lost(std::vector<Reading>& readings) {
+  std::stable_sort(readings.begin(), readings.end(), [](const Reading& a, const Reading& b) {
+    return a.capture != b.capture ? a.capture < b.capture : a.lost && !b.lost;
+  });
+  for (auto begin = readings.begin(); begin != readings.end();) {
+    if (!begin->lost) {
+      ++begin;
+      continue;
+    }
+    auto end = begin;
+    while (end != readings.end() && end->lost) ++end;
+    if (begin != readings.begin() && end != readings.end()) {
+      const std::int64_t from_ns = (begin - 1)->capture.ns, span_ns = end->capture.ns - from_ns;
+      for (auto it = begin; it != end; ++it)
+        it->capture = HostTime{from_ns + span_ns * (it - begin + 1) / (end - begin + 1)};
+    }
+    begin = end;
+  }
+}
 
 double median(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -46,9 +69,7 @@ class Readings {
       first = false;
       take(std::move(**pulled), session);
     }
-    for (auto& [name, readings] : streams_)
-      std::stable_sort(readings.begin(), readings.end(),
-                       [](const Reading& a, const Reading& b) { return a.capture < b.capture; });
+    for (auto& [name, readings] : streams_) spread_lost(readings);
     std::stable_sort(
         session->events.begin(), session->events.end(),
         [](const EventSample& a, const EventSample& b) { return a.header.capture < b.header.capture; });
@@ -81,7 +102,8 @@ class Readings {
                                                  told->header.capture,
                                                  false,
                                                  (rejected ? "rejected: " : "missing: ") + told->reason,
-                                                 {}});
+                                                 {},
+                                                 true});
     }
   }
 

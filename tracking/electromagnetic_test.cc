@@ -102,6 +102,36 @@ TEST(Electromagnetic, GivesTheBowInTheHeadFrameWithItsError) {
   EXPECT_LE(nees / n, 1.4);
 }
 
+// As a recording tells it: the line comes with the time of the reading after the gap.
+TEST(Electromagnetic, LostReadingsStandBetweenTheirNeighbours) {
+  const Scene scene;
+  std::vector<Sample> samples;
+  for (Sample& sample : scene.samples(8)) {
+    const PoseSample& pose = std::get<PoseSample>(sample);
+    const bool bow = pose.header.stream == "em/1";
+    if (bow && (pose.header.sequence == 200 || pose.header.sequence == 201)) continue;
+    if (bow && pose.header.sequence == 202) {
+      LedgerSample told;
+      told.header = pose.header;
+      told.header.sequence = 200;
+      told.count = 2;
+      told.fate = LedgerSample::Fate::kMissing;
+      told.reason = "counter gap";
+      samples.emplace_back(told);
+    }
+    samples.push_back(std::move(sample));
+  }
+  ListSource source(std::move(samples));
+  const auto m = electromagnetic_motion(source, scene.setup());
+  ASSERT_TRUE(m.has_value()) << m.error().line();
+  ASSERT_EQ(m->session.rows.size(), static_cast<std::size_t>(6 * kRate_hz));
+  for (const std::size_t i : {199u, 200u, 201u, 202u}) {
+    const MotionRow& row = m->session.rows[i];
+    EXPECT_EQ(row.valid(), i == 199 || i == 202) << i << ": " << row.reason();
+    EXPECT_NEAR(m->session.time_s(row), static_cast<double>(i) / kRate_hz, 1e-4);
+  }
+}
+
 TEST(Electromagnetic, MetalIsNamedWithTimeAndPlaceAndItsRowsAreNotValid) {
   for (const bool shift : {true, false}) {
     Scene scene;

@@ -99,6 +99,7 @@ JawMotion jaw_motion(const SessionMotion& session, const std::optional<Transform
   result.frame = bow_from_dental ? Dental::name : HeadFrame::name;
   std::optional<Rigid3> reference;
   if (mi) reference = mi->rigid;
+  result.relative_to_mi = mi.has_value();
   for (const MotionRow& row : session.rows) {
     JawMotionRow out;
     out.time_s = session.time_s(row);
@@ -125,11 +126,12 @@ JawMotion jaw_motion(const SessionMotion& session, const std::optional<Transform
 
 std::string format_motion_csv(const JawMotion& motion) {
   std::string text = fmt::format(
-      "# gnathion motion; frame: {}; {} relative to MI: p' = q*p + (x, y, z); rotation q, displacement of "
+      "# gnathion motion; frame: {}; {} relative to {}: p' = q*p + (x, y, z); rotation q, displacement of "
       "the frame's "
       "origin x, y, z; time from the first sample; sigma: of the reference point, one standard "
       "deviation\n{}\n",
-      motion.frame, motion.frame == Dental::name ? "motion of the mandible" : "motion of the bow", kColumns);
+      motion.frame, motion.frame == Dental::name ? "motion of the mandible" : "motion of the bow",
+      motion.relative_to_mi ? "MI" : "the first valid row (no MI found)", kColumns);
   for (const JawMotionRow& row : motion.rows) {
     text += fmt::format("{:.6f},{},{},", row.time_s, row.valid ? 1 : 0, field(row.reason));
     if (row.valid) {

@@ -24,6 +24,7 @@ struct JawMotionRow {
 
 struct JawMotion {
   std::string frame = "dental";  ///< "dental", or "head_frame" where no chain is known
+  bool relative_to_mi = true;    ///< else to the first valid row
   std::vector<JawMotionRow> rows;
 };
 

@@ -121,7 +121,8 @@ class InstantBuilder {
   std::deque<Instant> open_;
 };
 
-/// What became of one camera's counters.
+/// What became of one camera's counters. A counter that falls back, or leaps, began anew: what is lost is
+/// sought within each of its runs.
 class CounterBook {
  public:
   struct Lost {
@@ -131,49 +132,76 @@ class CounterBook {
     double period_s;  ///< of the camera there
   };
 
-  void frame(const SampleHeader& header) { frames_.emplace_back(header.sequence, header.capture); }
+  void frame(const SampleHeader& header) {
+    if (runs_.empty()) runs_.emplace_back();
+    const std::vector<Frame>& frames = runs_.back().frames;
+    if (!frames.empty() && (header.sequence <= frames.back().first || leaps(header.sequence, frames)))
+      runs_.emplace_back();
+    runs_.back().frames.emplace_back(header.sequence, header.capture);
+  }
   void told(const LedgerSample& l) {
     if (l.fate == LedgerSample::Fate::kAccepted) return;
+    // A line may be late, but one that lies before the run belongs to the next.
+    if (runs_.empty()) runs_.emplace_back();
+    const std::vector<Frame>& frames = runs_.back().frames;
+    if (!frames.empty() && (l.header.sequence <= frames.front().first || leaps(l.header.sequence, frames)))
+      runs_.emplace_back();
+    Run& run = runs_.back();
     for (std::uint32_t i = 0; i < std::min(l.count, kMostInOneGap); ++i) {
-      told_[l.header.sequence + i] = {l.fate, l.reason};
+      run.told[l.header.sequence + i] = {l.fate, l.reason, l.header.capture};
     }
   }
 
   /// Every counter without a frame, by gap or by word of the source, with its time from its neighbours'.
   std::vector<Lost> lost(StreamLedger* ledger) const {
-    std::set<std::uint32_t> arrived;
-    for (const auto& f : frames_) arrived.insert(f.first);
-    std::set<std::uint32_t> gone;
-    for (std::size_t i = 1; i < frames_.size(); ++i) {
-      const std::uint32_t from = frames_[i - 1].first, to = frames_[i].first;
-      if (to <= from || to - from > kMostInOneGap) continue;  // the counter began anew
-      for (std::uint32_t s = from + 1; s < to; ++s) gone.insert(s);
-    }
-    for (const auto& t : told_) gone.insert(t.first);
     std::vector<Lost> lost;
-    for (const std::uint32_t s : gone) {
-      if (arrived.count(s)) continue;
-      const auto known = told_.find(s);
-      const bool rejected = known != told_.end() && known->second.first == LedgerSample::Fate::kRejected;
-      (rejected ? ledger->rejected : ledger->missing) += 1;
-      const std::string why =
-          known == told_.end() || known->second.second.empty() ? "counter gap" : known->second.second;
-      const auto [capture, period_s] = time_of(s);
-      lost.push_back({s, capture, (rejected ? "rejected: " : "missing: ") + why, period_s});
-    }
+    for (const Run& run : runs_) add_lost(run, ledger, &lost);
     return lost;
   }
 
  private:
   static constexpr std::uint32_t kMostInOneGap = 100000;
+  using Frame = std::pair<std::uint32_t, HostTime>;
+  struct Told {
+    LedgerSample::Fate fate;
+    std::string reason;
+    HostTime capture;
+  };
+  struct Run {
+    std::vector<Frame> frames;  ///< counters rise
+    std::map<std::uint32_t, Told> told;
+  };
+
+  static bool leaps(std::uint32_t sequence, const std::vector<Frame>& frames) {
+    return sequence > frames.back().first + kMostInOneGap;
+  }
+
+  static void add_lost(const Run& run, StreamLedger* ledger, std::vector<Lost>* lost) {
+    std::set<std::uint32_t> arrived, gone;
+    for (const Frame& f : run.frames) arrived.insert(f.first);
+    for (std::size_t i = 1; i < run.frames.size(); ++i)
+      for (std::uint32_t s = run.frames[i - 1].first + 1; s < run.frames[i].first; ++s) gone.insert(s);
+    for (const auto& t : run.told) gone.insert(t.first);
+    for (const std::uint32_t s : gone) {
+      if (arrived.count(s)) continue;
+      const auto known = run.told.find(s);
+      const bool told = known != run.told.end();
+      const bool rejected = told && known->second.fate == LedgerSample::Fate::kRejected;
+      (rejected ? ledger->rejected : ledger->missing) += 1;
+      const std::string why = !told || known->second.reason.empty() ? "counter gap" : known->second.reason;
+      auto [capture, period_s] = time_of(run.frames, s);
+      if (run.frames.empty() && told) capture = known->second.capture;
+      lost->push_back({s, capture, (rejected ? "rejected: " : "missing: ") + why, period_s});
+    }
+  }
 
   /// When a lost frame was taken, and the period there.
-  std::pair<HostTime, double> time_of(std::uint32_t sequence) const {
-    if (frames_.empty()) return {};
-    auto after = std::lower_bound(frames_.begin(), frames_.end(), sequence,
+  static std::pair<HostTime, double> time_of(const std::vector<Frame>& frames, std::uint32_t sequence) {
+    if (frames.empty()) return {{}, 1.0};
+    auto after = std::lower_bound(frames.begin(), frames.end(), sequence,
                                   [](const auto& f, std::uint32_t s) { return f.first < s; });
-    if (frames_.size() < 2) return {frames_.front().second, 1.0};
-    after = std::clamp(after, frames_.begin() + 1, frames_.end() - 1);
+    if (frames.size() < 2) return {frames.front().second, 1.0};
+    after = std::clamp(after, frames.begin() + 1, frames.end() - 1);
     const auto before = after - 1;
     const double period = static_cast<double>(after->second.ns - before->second.ns) /
                           std::max(1.0, static_cast<double>(after->first) - before->first);
@@ -182,8 +210,7 @@ class CounterBook {
             std::abs(period) * 1e-9};
   }
 
-  std::vector<std::pair<std::uint32_t, HostTime>> frames_;
-  std::map<std::uint32_t, std::pair<LedgerSample::Fate, std::string>> told_;
+  std::vector<Run> runs_;
 };
 
 /// Rows for instants of which no camera delivered a frame.
@@ -258,10 +285,7 @@ class SessionTracker {
       if (!*pulled) return {};
       if (std::exchange(first, false)) session_.start = header_of(**pulled).capture;
       GNATHION_CHECK_OK(take(std::move(**pulled)));
-      if (options_.expected_frames > 0) {
-        progress.update(
-            std::min(1.0, static_cast<double>(frames_) / static_cast<double>(options_.expected_frames)));
-      }
+      if (options_.fraction_read) progress.update(options_.fraction_read());
     }
   }
 

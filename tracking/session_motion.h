@@ -1,6 +1,7 @@
 // A whole session: every frame of a source becomes a row of poses, valid or with the reason why not.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -55,8 +56,8 @@ struct TrackOptions {
   int chunk_frames = 48;
   /// Frames of two cameras belong to one instant when they are at most this far apart.
   double same_instant_s = 0.002;
-  /// Frames expected, for progress; 0: unknown.
-  std::size_t expected_frames = 0;
+  /// 0..1 of the source that is read, for progress; may be empty.
+  std::function<double()> fraction_read;
 };
 
 /// Pulls the source to its end. Refused with kInput: no frame of a camera of the rig, images of another size

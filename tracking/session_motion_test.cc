@@ -163,6 +163,24 @@ TEST(TrackSession, FramesThatNeverCameHaveRowsAndReasons) {
       << "after a gap the bodies are found again: " << session.rows[7].reason();
 }
 
+TEST(TrackSession, ACounterThatBeginsAnewHidesNoLostFrame) {
+  const Rig rig = small_rig(1);
+  std::vector<Sample> samples;
+  for (int i = 0; i < kFrames; ++i) {
+    if (i == 4 || i == 14) continue;  // 104 of the first run, 103 of the second: its 104 arrives
+    FrameSample frame = film(1)[static_cast<std::size_t>(i)];
+    if (i > 10) frame.header.sequence = static_cast<std::uint32_t>(100 + i - 11);
+    samples.push_back(frame);
+  }
+  const SessionMotion session = tracked(rig, samples);
+  ASSERT_EQ(session.rows.size(), static_cast<std::size_t>(kFrames));
+  for (const std::size_t lost : {4u, 14u}) {
+    EXPECT_EQ(session.rows[lost].reason(), "missing: counter gap");
+    EXPECT_NEAR(session.time_s(session.rows[lost]), static_cast<double>(lost) / 60.0, 1e-4);
+  }
+  EXPECT_EQ(session.ledger.at("camera_0").missing, 2u);
+}
+
 TEST(TrackSession, OneCameraMissingStillGivesARow) {
   const Rig rig = small_rig(2);
   std::vector<Sample> samples;
