@@ -51,6 +51,9 @@ struct JointRegion {
 /// A joint as cut out of a volume, in the volume's frame.
 struct JointSurfaces {
   TriangleMesh condyle, fossa;
+  /// They hung together at the threshold and were parted in the middle between two denser cores: where they
+  /// come close, the distance is known to a voxel only.
+  bool bridged = false;
 };
 
 /// Bone of one joint above `threshold`. Within the box, the condyle is the bone that leaves it below and not
