@@ -11,6 +11,7 @@
 #include "core/transform.h"
 #include "design/parameters.h"
 #include "occlusion/arch.h"
+#include "occlusion/clinical.h"
 #include "occlusion/contacts.h"
 
 namespace gnathion {
@@ -72,6 +73,28 @@ struct SplintVerification {
     double deepest_mm = 0.0;
   };
   std::optional<Freedom> freedom;  ///< where excursions were asked for
+  /// The splint moved from -12 mm·a to its seat: how deep it and its arch run into each other on the way.
+  struct Insertability {
+    double deepest_mm = 0.0;
+    double before_seat_mm = 0.0;           ///< how far from the seat that happens
+    Vector3 where_mm = Vector3::Zero();    ///< on the seated splint, Dental
+    std::vector<std::uint8_t> teeth = {};  ///< FDI number of the tooth there, where known
+  } insertability;
+  /// What the opposing arch pressed into the splint, seen along its opening path.
+  struct Imprint {
+    double depth_mm = 0.0;  ///< of its walls beyond the natural relief of S_occ
+    Vector3 deepest_where_mm = Vector3::Zero();
+    double undercut_mm = 0.0;  ///< how deep the arch runs into the splint when it opens
+    Vector3 undercut_where_mm = Vector3::Zero();
+    bool recorded_path = false;  ///< opening as recorded; else along the occlusal normal
+  } imprint;
+  std::optional<BiteReadout> bite;  ///< nothing where an arch has no central incisor
+  /// Where supports would have to stand when it is printed in the best direction.
+  struct Build {
+    Vector3 up = Vector3::UnitZ();     ///< unit, Dental: away from the plate
+    double overhang_mm2 = 0.0;         ///< facing the plate more than 45° from the vertical
+    double cavity_overhang_mm2 = 0.0;  ///< of that, inside the cavity
+  } build;
   std::optional<PredictedSeating> predicted_seating;
   std::string seating_note;  ///< why there is none
 };
