@@ -148,11 +148,19 @@ struct AuditTrail::File {
     return end;
   }
 
-  /// The head record may be behind by the one line whose writer died between the two.
+  Status write_head(const AuditHead& head) const {
+    const json record = {{"lines", head.lines}, {"sha256", head.sha256}};
+    GNATHION_CHECK_OK(write_file(audit::head_path(path), record.dump() + "\n"));
+    ::chmod(audit::head_path(path).c_str(), 0600);
+    return {};
+  }
+
+  /// The head record may be behind by the one line whose writer died between the two; it is brought up first,
+  /// so that it is never behind by more.
   Status check_head(const AuditHead& head) const {
     std::error_code ec;
     if (!fs::exists(audit::head_path(path), ec)) {
-      if (head.lines <= 1) return {};
+      if (head.lines == 0) return write_head(head);  // a new trail
       return bad_input(kWhat, path.string(),
                        "its head record " + audit::head_path(path).filename().string() +
                            " is gone; `gnathion audit verify` tells what still stands");
@@ -160,13 +168,12 @@ struct AuditTrail::File {
     GNATHION_TRY(const std::string text, read_file(audit::head_path(path)));
     const auto recorded = audit::parse_head(text);
     if (!recorded) return bad_input(kWhat, path.string(), "its head record cannot be read");
-    const bool same = recorded->lines == head.lines && recorded->sha256 == head.sha256;
-    if (!same && head.lines != recorded->lines + 1)
-      return bad_input(kWhat, path.string(),
-                       fmt::format("ends at line {}, its head record says {}: lines were cut off or changed; "
-                                   "`gnathion audit verify` tells more",
-                                   head.lines, recorded->lines));
-    return {};
+    if (recorded->lines == head.lines && recorded->sha256 == head.sha256) return {};
+    if (head.lines == recorded->lines + 1) return write_head(head);
+    return bad_input(kWhat, path.string(),
+                     fmt::format("ends at line {}, its head record says {}: lines were cut off or changed; "
+                                 "`gnathion audit verify` tells more",
+                                 head.lines, recorded->lines));
   }
 
   Result<AuditHead> write_line(const AuditHead& head, const json& content) const {
@@ -177,9 +184,7 @@ struct AuditTrail::File {
     GNATHION_CHECK_OK(write_all(fd, line.dump() + "\n", path.string()));
     if (::fsync(fd) != 0) return fail(ErrorCode::kInternal, kWhat, path.string(), errno_text());
     const AuditHead now{head.lines + 1, line["hash"].get<std::string>()};
-    const json record = {{"lines", now.lines}, {"sha256", now.sha256}};
-    GNATHION_CHECK_OK(write_file(audit::head_path(path), record.dump() + "\n"));
-    ::chmod(audit::head_path(path).c_str(), 0600);
+    GNATHION_CHECK_OK(write_head(now));
     return now;
   }
 

@@ -84,7 +84,7 @@ void compare_sidecar(Walk& walk, const fs::path& trail) {
   std::error_code ec;
   const fs::path path = audit::head_path(trail);
   if (!fs::exists(path, ec)) {
-    if (walk.verdict.head.lines > 1)
+    if (walk.verdict.head.lines > 0)
       walk.verdict.faults.push_back({walk.file_lines, "is the last, but the head record " +
                                                           path.filename().string() +
                                                           " is gone: lines may have been cut off the end"});
