@@ -11,8 +11,8 @@
 namespace gnathion {
 namespace {
 
-constexpr double kOverMm = 1.5;  // the stamp is over what is no farther from it
-constexpr double kStepMm = 0.25;
+constexpr double kOverMm = 1.0;  // the stamp is over what is no farther from it
+constexpr double kStepMm = 0.35;
 
 /// Value below which a share of the area lies.
 double quantile(const std::vector<std::pair<double, double>>& by_gap, double area, double share) {

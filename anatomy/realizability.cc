@@ -1,5 +1,7 @@
 #include "anatomy/realizability.h"
 
+#include <tbb/parallel_invoke.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -87,13 +89,18 @@ Result<RealizabilityChecker> RealizabilityChecker::create(const TriangleMesh& ma
                                                           const TriangleMesh& mandible_mi,
                                                           const RealizabilityLimits& limits) {
   GNATHION_TRY(const ArchFrame arch, find_arch(maxilla, mandible_mi));
+  std::vector<std::uint8_t> maxilla_fdi, mandible_fdi;
+  std::optional<MeshQuery> upper, lower;
+  tbb::parallel_invoke([&] { maxilla_fdi = assign_teeth(maxilla, arch, Arch::kMaxilla); },
+                       [&] { mandible_fdi = assign_teeth(mandible_mi, arch, Arch::kMandible); },
+                       [&] { upper.emplace(maxilla); }, [&] { lower.emplace(mandible_mi); });
   auto jaws = std::make_unique<Jaws>(Jaws{.limits = limits,
                                           .table = limit_table(limits),
                                           .arch = arch,
-                                          .maxilla_fdi = assign_teeth(maxilla, arch, Arch::kMaxilla),
-                                          .mandible_fdi = assign_teeth(mandible_mi, arch, Arch::kMandible),
-                                          .maxilla = MeshQuery(maxilla),
-                                          .mandible = MeshQuery(mandible_mi),
+                                          .maxilla_fdi = std::move(maxilla_fdi),
+                                          .mandible_fdi = std::move(mandible_fdi),
+                                          .maxilla = std::move(*upper),
+                                          .mandible = std::move(*lower),
                                           .overlap_mi = {},
                                           .tooth_overlap_mi = {},
                                           .stamp = {},
