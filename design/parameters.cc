@@ -41,6 +41,8 @@ constexpr Field kFields[] = {
      "thinner walls become apertures; thinnest wall that prints"},
     {"stamp_height_mm", &SplintParameters::stamp_height_mm, "mm", 0.5, 6.0,
      "height of S_occ over the occlusal level"},
+    {"imprint_depth_mm", &SplintParameters::imprint_depth_mm, "mm", 0.1, 5.0,
+     "imprint of the opposing arch beyond the natural relief, at most: more would lock the jaw"},
     {"draft_deg", &SplintParameters::draft_deg, "deg", 0.0, 60.0, "draft of the stamp's side walls"},
     {"smoothing_mm", &SplintParameters::smoothing_mm, "mm", 0.3, 4.0, "radius of concave fillets outside"},
     {"rim_radius_mm", &SplintParameters::rim_radius_mm, "mm", 0.0, 0.5, "rounding of the rim"},

@@ -25,10 +25,11 @@ struct SplintParameters {
   double depth_mm = 4.0;         ///< cutting plane, behind the local occlusal level of the arch
   double occlusion_clearance_mm = 0.2;  ///< o, to the mandible in TP outside contacts (reference plugin: 0.2)
   double aperture_limit_mm = 0.5;       ///< w_a, less than this between cavity and mandible opens an aperture
-  double stamp_height_mm = 3.5;  ///< height of S_occ over the local occlusal level that is carried to TP
-  double draft_deg = 35.0;       ///< draft of the stamp's side walls against a
-  double smoothing_mm = 2.0;     ///< radius of the concave fillets between shell and stamp
-  double rim_radius_mm = 0.4;    ///< rounding of the rim
+  double stamp_height_mm = 3.5;   ///< height of S_occ over the local occlusal level that is carried to TP
+  double imprint_depth_mm = 0.5;  ///< d, imprint of the opposing arch beyond the natural relief, at most
+  double draft_deg = 35.0;        ///< draft of the stamp's side walls against a
+  double smoothing_mm = 2.0;      ///< radius of the concave fillets between shell and stamp
+  double rim_radius_mm = 0.4;     ///< rounding of the rim
   double insertion_search_deg = 15.0;   ///< a is sought within this of its start; 0: the start itself
   double insertion_left_deg = 0.0;      ///< start of a: the occlusal normal, tilted to the patient's left ...
   double insertion_anterior_deg = 0.0;  ///< ... and forward

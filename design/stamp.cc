@@ -7,8 +7,6 @@
 
 namespace gnathion {
 namespace {
-constexpr double kImprintDepthMm =
-    0.5;  // fillets towards the opposing arch stay within this of the natural relief
 constexpr double kFreeDistanceMm = 0.5;  // from the opposing arch, from where fillets may grow
 constexpr double kBandMm = 9.0;          // half width of the arch that belongs to the crowns
 }  // namespace
@@ -40,7 +38,7 @@ CoarseGrid joined_body(const CoarseGrid& shell, const CoarseGrid& stamp, const C
   CoarseGrid filled = closed(both, p.smoothing_mm);
   for (std::size_t i = 0; i < filled.values().size(); ++i) {
     const double near_opposing = std::max(0.0, static_cast<double>(opposing.values()[i]) - kFreeDistanceMm);
-    const double allowed = stamp.values()[i] - kImprintDepthMm - 1.5 * near_opposing;
+    const double allowed = stamp.values()[i] - p.imprint_depth_mm - 1.5 * near_opposing;
     const double fillet = std::max<double>(filled.values()[i], allowed);
     filled.values()[i] = static_cast<float>(std::min<double>(fillet, both.values()[i]));
   }
