@@ -34,9 +34,10 @@ struct Joints {
   std::string source;  ///< in words: "CBCT scan.nrrd, bone above 431 HU", "meshes in joints/"
   /// How far the surfaces themselves may be off (1σ; half a voxel for volumes); nothing: unknown.
   std::optional<double> surface_sigma_mm;
-  /// Of the pose that brought the condyles to MI in the dental frame (left perturbation); nothing: unknown.
+  /// Of the pose of the condyles in MI, against the fossae, and of the fossae's own, independent of it (left
+  /// perturbation, Dental). An error that both share is in neither: it moves no distance. Both are 0 where
+  /// one volume shows the jaws in MI. Nothing: unknown.
   std::optional<Matrix6> condyle_covariance;
-  /// The same for the fossae, by the maxilla. Independent of the other.
   std::optional<Matrix6> fossa_covariance;
   std::vector<std::string> warnings;
   bool empty() const { return !left && !right; }

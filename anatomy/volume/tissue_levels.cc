@@ -55,6 +55,45 @@ struct Sums {
   }
 };
 
+/// Bins where the second and the third class begin.
+struct Cuts {
+  int first = 1, second = 2;
+};
+Cuts three_classes(const Sums& sums) {
+  Cuts cuts;
+  double best = -1.0;
+  for (int a = 1; a < kBins - 1; ++a)
+    for (int b = a + 1; b < kBins; ++b) {
+      const double v = sums.between(0, a) + sums.between(a, b) + sums.between(b, kBins);
+      if (v > best) best = v, cuts = {a, b};
+    }
+  return cuts;
+}
+int two_classes(const Sums& sums) {
+  int cut = 1;
+  double best = -1.0;
+  for (int a = 1; a < kBins; ++a) {
+    const double v = sums.between(0, a) + sums.between(a, kBins);
+    if (v > best) best = v, cut = a;
+  }
+  return cut;
+}
+
+/// Hounsfield units tell air by its value. Scanners without them: the middle class of three is soft tissue
+/// only if it is a fair part of the volume and more than the third; without air it would be bone.
+bool holds_air(const Histogram& h, const Sums& sums, const Cuts& cuts) {
+  constexpr double kAirHu = -300.0;
+  const double all = sums.n.back();
+  double below = 0.0;
+  for (int i = 0; i < kBins; ++i)
+    if (h.centre(i) < kAirHu) below += h.counts[static_cast<std::size_t>(i)];
+  if (below > 0.02 * all) return true;
+  const double middle =
+      sums.n[static_cast<std::size_t>(cuts.second)] - sums.n[static_cast<std::size_t>(cuts.first)];
+  const double dense = all - sums.n[static_cast<std::size_t>(cuts.second)];
+  return h.low > kAirHu && middle > 0.2 * all && middle > dense;
+}
+
 }  // namespace
 
 TissueLevels tissue_levels(const Volume& volume) {
@@ -62,21 +101,21 @@ TissueLevels tissue_levels(const Volume& volume) {
   if (volume.empty()) return levels;
   const Histogram h = histogram_of(volume);
   const Sums sums(h);
-  int first = 1, second = 2;
-  double best = -1.0;
-  for (int a = 1; a < kBins - 1; ++a)
-    for (int b = a + 1; b < kBins; ++b) {
-      const double v = sums.between(0, a) + sums.between(a, b) + sums.between(b, kBins);
-      if (v > best) best = v, first = a, second = b;
-    }
-  levels.skin = h.low + first * h.width;
-  levels.bone = h.low + second * h.width;
-  levels.soft = sums.mean(first, second);
-  // Enamel is the densest tissue: what the top half percent of the bony voxels reaches.
+  Cuts cuts = three_classes(sums);
+  if (holds_air(h, sums, cuts)) {
+    levels.skin = h.low + cuts.first * h.width;
+    levels.soft = sums.mean(cuts.first, cuts.second);
+  } else {
+    cuts.second = two_classes(sums);
+    levels.soft = sums.mean(0, cuts.second);
+    levels.skin = h.low;  // nothing is below
+  }
+  levels.bone = h.low + cuts.second * h.width;
+  // Enamel is the densest tissue: what the densest hundredth of the bony voxels exceeds.
   double bony = 0.0, passed = 0.0;
-  for (int i = second; i < kBins; ++i) bony += h.counts[static_cast<std::size_t>(i)];
+  for (int i = cuts.second; i < kBins; ++i) bony += h.counts[static_cast<std::size_t>(i)];
   int top = kBins - 1;
-  while (top > second && (passed += h.counts[static_cast<std::size_t>(top)]) < 0.01 * bony) --top;
+  while (top > cuts.second && (passed += h.counts[static_cast<std::size_t>(top)]) < 0.01 * bony) --top;
   levels.crown = 0.5 * (levels.soft + h.centre(top));
   return levels;
 }

@@ -1,0 +1,232 @@
+#include "pipeline/cbct_steps.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "anatomy/limits.h"
+#include "anatomy/volume/iso_surface.h"
+#include "occlusion/arch.h"
+#include "occlusion/teeth.h"
+
+namespace gnathion {
+namespace {
+
+constexpr const char* kWhat = "cannot find joints";
+/// A mandible that lies less beside MI than this at the condyles was in MI, as far as a bite repeats itself.
+constexpr double kInMiMm = 0.3;
+
+std::vector<bool> crown_mask(const TriangleMesh& arch, const ArchFrame& frame, Arch which) {
+  std::vector<bool> mask;
+  for (const std::uint8_t fdi : assign_teeth(arch, frame, which)) mask.push_back(fdi != 0);
+  return mask;
+}
+
+/// Where condyles are on average behind and above the incisors (docs/realizability.md has the source).
+Vector3 expected_condyle(const ArchFrame& frame, Side side) {
+  const RealizabilityLimits mean;
+  const double lateral = (side == Side::kLeft ? 1.0 : -1.0) * mean.condyle_half_distance_mm;
+  return frame.incisal_mm - mean.condyle_behind_mm * frame.anterior + mean.condyle_above_mm * frame.up +
+         lateral * frame.left;
+}
+
+/// How the mandible lay in the scan, by its own crowns.
+struct MandibleInScan {
+  Rigid3 cbct_from_mandible;
+  Matrix6 covariance = Matrix6::Zero();  ///< of the left perturbation, in Cbct
+  bool in_mi = true;
+  std::string note;
+};
+
+MandibleInScan find_mandible(const RegisteredVolume& volume, const TriangleMesh& mandible,
+                             const ArchFrame& frame, const CbctOptions& options) {
+  MandibleInScan out;
+  out.cbct_from_mandible = volume.cbct_from_dental.rigid;
+  const std::vector<bool> crowns = crown_mask(mandible, frame, Arch::kMandible);
+  const auto look = [&](const std::optional<Rigid3>& guess) {
+    return register_crowns(volume.file.volume, mandible, crowns, options, guess,
+                           "lower crowns in the volume");
+  };
+  auto found = look(volume.cbct_from_dental.rigid);
+  if (!found || found->fit.inlier_fraction < 0.45) found = look({});
+  if (!found) {
+    out.note = "the lower teeth are not found in the volume (" + found.error().why +
+               "): the scan is taken to be in MI";
+    return out;
+  }
+  const Rigid3 beside_mi = volume.cbct_from_dental.rigid.inverse() * found->fit.target_from_source;
+  double most = 0.0, sigma = 0.0;
+  for (const Side side : {Side::kLeft, Side::kRight}) {
+    const Vector3 p = expected_condyle(frame, side), q = found->fit.target_from_source * p;
+    most = std::max(most, (beside_mi * p - p).norm());
+    double variance = point_covariance(found->fit.covariance, q).trace();
+    if (volume.covariance) variance += point_covariance(*volume.covariance, q).trace();
+    sigma = std::max(sigma, std::sqrt(variance));
+  }
+  if (most < std::max(kInMiMm, 3.0 * sigma)) return out;
+  out.in_mi = false;
+  out.cbct_from_mandible = found->fit.target_from_source;
+  out.covariance = found->fit.covariance;
+  out.note = fmt::format(
+      "the scan was not taken in MI: by the lower teeth the condyles lay up to {:.1f} mm beside it, and were "
+      "brought "
+      "there (1 sigma {:.2f} mm)",
+      most, sigma);
+  return out;
+}
+
+/// Around where a condyle should be, and where this mandible had it: head, neck, and the fossa about it.
+JointRegion expected_region(const ArchFrame& frame, Side side, const Rigid3& cbct_from_dental,
+                            const Rigid3& cbct_from_mandible) {
+  const Vector3 centre = expected_condyle(frame, side);
+  JointRegion region;
+  for (const Rigid3& pose : {cbct_from_dental, cbct_from_mandible}) {
+    region.box_mm.extend(pose * centre - Vector3(17, 20, 16));
+    region.box_mm.extend(pose * centre + Vector3(17, 17, 14));
+  }
+  return region;
+}
+
+class JointFinder {
+ public:
+  JointFinder(const RegisteredVolume& volume, const ArchFrame& frame, const MandibleInScan& mandible,
+              const CbctOptions& options, std::optional<Volume> labels)
+      : volume_(volume), frame_(frame), mandible_(mandible), options_(options), labels_(std::move(labels)) {
+    level_ = options.bone_level ? *options.bone_level : tissue_levels(volume.file.volume).bone;
+  }
+  double level() const { return level_; }
+
+  Result<Joint> find(Side side, std::vector<std::string>& warnings) const {
+    const auto& given = side == Side::kLeft ? options_.left : options_.right;
+    const JointRegion region =
+        given ? *given
+              : expected_region(frame_, side, volume_.cbct_from_dental.rigid, mandible_.cbct_from_mandible);
+    GNATHION_TRY(const JointSurfaces s, surfaces(side, region, warnings));
+    Joint joint;
+    joint.side = side;
+    joint.condyle = transformed(mandible_.cbct_from_mandible.inverse(), s.condyle);
+    joint.fossa = transformed(volume_.cbct_from_dental.rigid.inverse(), s.fossa);
+    const CondylarPoles poles = condylar_poles(joint.condyle, side, frame_.up, frame_.left);
+    joint.medial_pole_mm = poles.medial_mm;
+    joint.lateral_pole_mm = poles.lateral_mm;
+    return joint;
+  }
+
+ private:
+  Result<JointSurfaces> surfaces(Side side, const JointRegion& region,
+                                 std::vector<std::string>& warnings) const {
+    const std::string name = std::string(side_name(side)) + " joint";
+    JointSurfaces s;
+    const bool condyle_label = labels_ && !options_.condyle_labels.empty();
+    const bool fossa_label = labels_ && !options_.fossa_labels.empty();
+    if (!condyle_label || !fossa_label) {
+      GNATHION_TRY(s, find_joint(volume_.file.volume, level_, region, name));
+      if (s.bridged)
+        warnings.push_back(
+            name +
+            ": condyle and fossa hang together at this bone level; where they come close, their "
+            "distance is known to a voxel only");
+    }
+    if (condyle_label) {
+      GNATHION_TRY(s.condyle, surface_of_labels(*labels_, options_.condyle_labels, region.box_mm, name));
+    }
+    if (fossa_label) {
+      GNATHION_TRY(s.fossa, surface_of_labels(*labels_, options_.fossa_labels, region.box_mm, name));
+    }
+    return s;
+  }
+
+  const RegisteredVolume& volume_;
+  const ArchFrame& frame_;
+  const MandibleInScan& mandible_;
+  const CbctOptions& options_;
+  std::optional<Volume> labels_;
+  double level_ = 0.0;
+};
+
+/// Covariance of the inverse pose, which brings the volume's surfaces to the dental frame.
+Matrix6 brought_back(const Matrix6& covariance, const Rigid3& cbct_from_other) {
+  return inverse_covariance(covariance, cbct_from_other);
+}
+
+}  // namespace
+
+Result<RegisteredVolume> registered_volume(const std::filesystem::path& path, const TriangleMesh& maxilla,
+                                           const TriangleMesh& mandible_mi, const CbctOptions& options,
+                                           Progress& progress) {
+  progress.begin_step("reading volume", 0.3);
+  RegisteredVolume out;
+  GNATHION_TRY(out.file, read_volume(path, options.read, progress));
+  if (options.cbct_from_dental) {
+    out.cbct_from_dental = *options.cbct_from_dental;
+    out.covariance = options.covariance;
+    return out;
+  }
+  progress.begin_step("upper crowns in the volume", 0.3);
+  GNATHION_TRY(const ArchFrame frame, find_arch(maxilla, mandible_mi));
+  GNATHION_TRY(const CbctRegistration found,
+               register_crowns(out.file.volume, maxilla, crown_mask(maxilla, frame, Arch::kMaxilla), options,
+                               {}, "upper crowns in the volume"));
+  out.cbct_from_dental.rigid = found.fit.target_from_source;
+  out.covariance = found.fit.covariance;
+  return out;
+}
+
+Result<Joints> joints_in_volume(const RegisteredVolume& registered, const TriangleMesh& maxilla,
+                                const TriangleMesh& mandible_mi, const CbctOptions& options,
+                                Progress& progress) {
+  GNATHION_TRY(const ArchFrame frame, find_arch(maxilla, mandible_mi));
+  progress.begin_step("lower crowns in the volume", 0.2);
+  const MandibleInScan mandible = find_mandible(registered, mandible_mi, frame, options);
+  progress.begin_step("joints", 0.2);
+  std::optional<Volume> labels;
+  if (!options.labels.empty()) {
+    SilentProgress silent;
+    GNATHION_TRY(VolumeFile file, read_volume(options.labels, options.read, silent));
+    labels = std::move(file.volume);
+  }
+  const JointFinder finder(registered, frame, mandible, options, std::move(labels));
+  Joints joints;
+  joints.source = fmt::format("{}, bone above {:.0f}", registered.file.info.format, finder.level());
+  joints.surface_sigma_mm = 0.5 * registered.file.volume.grid.spacing_mm().maxCoeff();
+  if (!mandible.note.empty()) joints.warnings.push_back(mandible.note);
+  if (mandible.in_mi) {
+    joints.condyle_covariance = joints.fossa_covariance = Matrix6::Zero();
+  } else {
+    joints.condyle_covariance = brought_back(mandible.covariance, mandible.cbct_from_mandible);
+    if (registered.covariance)
+      joints.fossa_covariance = brought_back(*registered.covariance, registered.cbct_from_dental.rigid);
+  }
+  std::optional<Error> why;
+  for (const Side side : {Side::kLeft, Side::kRight}) {
+    auto found = finder.find(side, joints.warnings);
+    if (found) {
+      (side == Side::kLeft ? joints.left : joints.right) = std::move(*found);
+    } else {
+      joints.warnings.push_back(fmt::format("{} joint: {}", side_name(side), found.error().why));
+      if (!why) why = found.error();
+    }
+  }
+  if (joints.empty()) return tl::unexpected<Error>(*why);
+  return joints;
+}
+
+Result<Joints> joints_from_cbct(const std::filesystem::path& path, const TriangleMesh& maxilla,
+                                const TriangleMesh& mandible_mi, const CbctOptions& options,
+                                Progress& progress) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec))
+    return bad_input(kWhat, path.string(), "there is no such file or folder");
+  if (std::filesystem::is_directory(path, ec) && holds_joint_meshes(path)) {
+    GNATHION_TRY(const ArchFrame frame, find_arch(maxilla, mandible_mi));
+    return read_joint_meshes(path, frame.up, frame.left);
+  }
+  GNATHION_TRY(const RegisteredVolume registered,
+               registered_volume(path, maxilla, mandible_mi, options, progress));
+  GNATHION_TRY(Joints joints, joints_in_volume(registered, maxilla, mandible_mi, options, progress));
+  const std::vector<std::string>& odd = registered.file.info.warnings;
+  joints.warnings.insert(joints.warnings.end(), odd.begin(), odd.end());
+  return joints;
+}
+
+}  // namespace gnathion
