@@ -2,13 +2,11 @@
 
 #include <nlohmann/json.hpp>
 
-#include "acquisition/pose_recording.h"
-#include "calibration/chain_json.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "core/time.h"
 #include "design/write_3mf.h"
-#include "pipeline/motion_steps.h"
+#include "pipeline/dental_motion.h"
 #include "pipeline/nested_progress.h"
 #include "pipeline/pictures.h"
 #include "pipeline/version.h"
@@ -50,39 +48,11 @@ Status write_splint(const SplintDesign& design, const DesignInputs& inputs, cons
                    splint_metadata(design, inputs.splint.therapeutic, inputs.files));
 }
 
-/// The jaw's motion from MI in the dental frame.
-Result<JawMotion> read_dental_motion(const fs::path& path, const fs::path& calibration) {
-  if (path.extension() == ".csv") {
-    GNATHION_TRY(JawMotion motion, read_motion_csv(path));
-    if (motion.frame != "dental")
-      return bad_input("cannot use motion", path.string(),
-                       "told in the frame \"" + motion.frame + "\": a splint needs the dental one");
-    return motion;
-  }
-  if (calibration.empty())
-    return fail(ErrorCode::kUsage, "cannot use motion", path.string(),
-                "no chain.json beside it: --calibration names the one that brings it to the teeth");
-  GNATHION_TRY(const PoseRecording poses, read_poses(path));
-  GNATHION_TRY(const SessionMotion session, to_session_motion(poses, path.string()));
-  GNATHION_TRY(const json chain_file, read_json(calibration));
-  GNATHION_TRY(const Chain chain, chain_from_json(chain_file, calibration.string()));
-  GNATHION_TRY(const JawPositions positions, find_mi(session, {}));
-  if (!positions.closes())
-    return bad_input("cannot use motion", path.string(), "MI does not close: bow or head frame slipped");
-  return jaw_motion(session, positions.head_from_bow_mi.value, chain.t_d());
-}
-
 Status add_excursions(const DesignJob& job, DesignInputs& in) {
-  std::error_code ec;
-  const fs::path beside = job.motion.parent_path() / "chain.json";
-  const fs::path calibration = !job.calibration.empty() ? job.calibration
-                               : fs::exists(beside, ec) ? beside
-                                                        : fs::path();
+  const fs::path calibration = calibration_of(job.motion, job.calibration);
   GNATHION_TRY(const JawMotion motion, read_dental_motion(job.motion, calibration));
   for (const JawMotionRow& row : motion.rows)
     if (row.valid) in.splint.excursions.push_back(row.motion);
-  if (in.splint.excursions.empty())
-    return bad_input("cannot use motion", job.motion.string(), "no instant of it is valid");
   GNATHION_TRY(InputRecord record, record_of(job.motion));
   in.files.push_back(std::move(record));
   if (job.motion.extension() == ".csv") return {};

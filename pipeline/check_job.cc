@@ -1,0 +1,128 @@
+#include "pipeline/check_job.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "core/mesh_io.h"
+#include "pipeline/dental_motion.h"
+#include "pipeline/nested_progress.h"
+
+namespace gnathion {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr double kShortReachMm = 8.0;  // a recording that opens less says little of what the jaw can do
+
+std::vector<Rigid3> valid_motions(const JawMotion& motion) {
+  std::vector<Rigid3> out;
+  for (const JawMotionRow& row : motion.rows)
+    if (row.valid) out.push_back(row.motion);
+  return out;
+}
+
+/// How far the recording takes the incisal point.
+double reach_of(const std::vector<Rigid3>& motions, const Vector3& point_mm) {
+  double reach = 0.0;
+  for (const Rigid3& m : motions) reach = std::max(reach, (m * point_mm - point_mm).norm());
+  return reach;
+}
+
+}  // namespace
+
+std::vector<std::string> PatientFiles::paths() const {
+  std::vector<std::string> out;
+  for (const fs::path* p : {&maxilla, &mandible, &cbct, &cbct_pose, &motion, &calibration})
+    if (!p->empty()) out.push_back(p->string());
+  return out;
+}
+
+Result<CbctOptions> cbct_options_of(const PatientFiles& files) {
+  CbctOptions options = files.cbct_options;
+  if (files.cbct_pose.empty()) return options;
+  const std::string where = files.cbct_pose.string();
+  GNATHION_TRY(const nlohmann::json j, read_json(files.cbct_pose));
+  if (!j.is_object() || j.value("to", "") != "cbct" || j.value("from", "") != "dental" ||
+      !j.contains("matrix"))
+    return bad_input("cannot use registration", where, "not a pose from dental to cbct");
+  GNATHION_TRY(const Matrix4 matrix, matrix_from_json(j.at("matrix"), where));
+  if (!rigidity_deviation(matrix).is_rigid())
+    return bad_input("cannot use registration", where, "its matrix is not a rigid motion");
+  options.cbct_from_dental = Transform<Cbct, Dental>(nearest_rigid(matrix));
+  if (j.contains("covariance") && !j.at("covariance").is_null()) {
+    GNATHION_TRY(options.covariance, covariance_from_json(j.at("covariance"), where));
+  }
+  return options;
+}
+
+Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
+                     RealizabilityChecker* checker, std::vector<std::string>* notes, Progress& progress) {
+  if (!files.cbct.empty()) {
+    NestedProgress finding(progress, "finding the joints", 0.4);
+    GNATHION_TRY(const CbctOptions options, cbct_options_of(files));
+    GNATHION_TRY(const Joints joints, joints_from_cbct(files.cbct, maxilla, mandible_mi, options, finding));
+    checker->use_joints(joints);
+    notes->insert(notes->end(), joints.warnings.begin(), joints.warnings.end());
+    if (!joints.left || !joints.right)
+      notes->push_back(fmt::format("only the {} joint is known", joints.left ? "left" : "right"));
+  }
+  if (files.motion.empty()) return {};
+  GNATHION_TRY(const JawMotion motion, read_dental_motion(files.motion, files.calibration));
+  const std::vector<Rigid3> motions = valid_motions(motion);
+  checker->use_recording(motions);
+  const double reach = reach_of(motions, checker->arch().incisal_mm);
+  if (reach < kShortReachMm)
+    notes->push_back(
+        fmt::format("the recording takes the incisal point only {:.1f} mm from MI: its envelope is not "
+                    "that of what the jaw can do",
+                    reach));
+  return {};
+}
+
+Result<Patient> read_patient(const PatientFiles& files, const RealizabilityLimits& limits,
+                             Progress& progress) {
+  progress.begin_step("reading the jaws", 0.2);
+  GNATHION_TRY(TriangleMesh maxilla, read_jaw(files.maxilla));
+  GNATHION_TRY(TriangleMesh mandible, read_jaw(files.mandible));
+  progress.begin_step("teeth, contacts, overlap in MI", 0.3);
+  GNATHION_TRY(RealizabilityChecker checker, RealizabilityChecker::create(maxilla, mandible, limits));
+  Patient patient{std::move(maxilla), std::move(mandible), std::move(checker), {}, {}};
+  GNATHION_CHECK_OK(
+      add_knowledge(files, patient.maxilla, patient.mandible_mi, &patient.checker, &patient.notes, progress));
+  if (!files.motion.empty()) {
+    GNATHION_TRY(patient.motion, read_dental_motion(files.motion, files.calibration));
+  }
+  return patient;
+}
+
+Result<CheckOutcome> run_check(const PatientFiles& files, const fs::path& transform, Progress& progress) {
+  GNATHION_TRY(const MotionFile motion, read_motion(transform));
+  GNATHION_TRY(const Patient patient, read_patient(files, {}, progress));
+  progress.begin_step("checking", 0.1);
+  CheckOutcome out;
+  out.feasibility = patient.checker.check(motion.motion, motion.covariance);
+  out.feasibility.notes = patient.notes;
+  if (!motion.covariance)
+    out.feasibility.notes.push_back("T_th has no covariance: how sure the verdict is cannot be told");
+  out.text = feasibility_text(out.feasibility);
+  return out;
+}
+
+std::string feasibility_text(const Feasibility& f) {
+  std::string text = fmt::format("{}\n", verdict_name(f.verdict));
+  for (const Constraint& c : f.constraints) {
+    if (c.pass && c.name != "recorded_envelope" && c.name != "condyle_fossa") continue;
+    if (!c.checked) {
+      text += fmt::format("  {}: {}\n", c.name, c.consequence);
+      continue;
+    }
+    const std::string sure = c.sigma ? fmt::format(" (sigma {:.3f})", *c.sigma) : "";
+    text += fmt::format("  {}: {:.3f} {}{}, limit {:.3f}: {}\n", c.name, c.value, c.unit, sure, c.limit,
+                        c.consequence);
+  }
+  for (const std::string& note : f.notes) text += "  note: " + note + "\n";
+  return text;
+}
+
+}  // namespace gnathion
