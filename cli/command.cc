@@ -77,12 +77,17 @@ int run_command_line(int argc, char** argv) {
   app.require_subcommand(1);
   app.footer(kFooter);
   ChosenCommand chosen;
+  end_with_the_daemon();
   add_phantom_device();
   add_demo_commands(app, chosen);
   add_recording_commands(app, chosen);
   add_frames_commands(app, chosen);
+  add_cbct_commands(app, chosen);
   add_transform_commands(app, chosen);
+  add_check_commands(app, chosen);
   add_design_commands(app, chosen);
+  add_case_commands(app, chosen);
+  add_audit_commands(app, chosen);
   add_bow_commands(app, chosen);
   add_evaluate_commands(app, chosen);
   add_motion_commands(app, chosen);

@@ -48,7 +48,15 @@ void add_transform_commands(CLI::App& app, ChosenCommand& chosen);  // calibrate
 void add_shift_command(CLI::App& recording, ChosenCommand& chosen);  // recording shift
 void add_calibrate_commands(CLI::App& calibrate, ChosenCommand& chosen);  // calibrate camera|rig|time
 void add_frames_commands(CLI::App& app, ChosenCommand& chosen);     // frames
-void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // check, design, run
+void add_cbct_commands(CLI::App& app, ChosenCommand& chosen);       // cbct info|register|surface|joints
+void add_check_commands(CLI::App& app, ChosenCommand& chosen);      // check
+void add_joint_commands(CLI::App& app, ChosenCommand& chosen);      // joints motion
+void add_xray_commands(CLI::App& app, ChosenCommand& chosen);       // xray
+void add_range_commands(CLI::App& app, ChosenCommand& chosen);      // range
+void add_design_commands(CLI::App& app, ChosenCommand& chosen);     // design, run
+void add_run_command(CLI::App& app, ChosenCommand& chosen);         // run
+void add_case_commands(CLI::App& app, ChosenCommand& chosen);       // case create|info|list|…
+void add_audit_commands(CLI::App& app, ChosenCommand& chosen);      // audit verify
 void add_bow_commands(CLI::App& app, ChosenCommand& chosen);                    // bow print
 void add_calibrate_bow_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
