@@ -61,6 +61,7 @@ std::string case_toml(std::uint64_t seed) {
 # This one was made by `gnathion phantom`; truth.json beside it holds every true pose.
 
 [case]
+id = "phantom-{}"
 kind = "phantom"   # "phantom": synthetic, with ground truth; "patient": recorded
 seed = {}          # of the phantom: the same number gives the same bytes
 
@@ -91,7 +92,7 @@ condyle_right = "truth/condyle_right.ply"
 fossa_left = "truth/fossa_left.ply"
 fossa_right = "truth/fossa_right.ply"
 )",
-      seed);
+      seed, seed);
 }
 
 Status make_directories(const std::filesystem::path& dir) {

@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "core/file.h"
 #include "core/xml.h"
 #include "pipeline/displacement_steps.h"
+#include "pipeline/provenance.h"
 #include "pipeline/run_case.h"
 #include "pipeline/version.h"
 
@@ -49,8 +51,8 @@ std::string motion_section(const CaseResults& r) {
   text += "</p><table>" + row({"point of the mandible", "displacement [mm]", "95 % bound [mm]"}, "th");
   for (std::size_t i = 0; i < r.landmarks.size(); ++i)
     text += row({r.landmark_names[i], fmt::format("{:.3f}", r.landmarks[i].length_mm),
-                 fmt::format("{:.3f}", r.landmarks[i].bound95_mm)});
-  text += "</table><p>As a screw the mandible " + screw_text(r.screw, true) + ".</p>";
+                 r.covariance_known ? fmt::format("{:.3f}", r.landmarks[i].bound95_mm) : "unknown"});
+  text += "</table><p>As a screw the mandible " + screw_text(r.screw, r.covariance_known) + ".</p>";
   for (const std::string& note : r.frame_notes) text += "<p class=fail>" + xml_escaped(note) + "</p>";
   return text;
 }
@@ -74,7 +76,9 @@ std::string recording_section(const CaseResults& r) {
   for (const Closure& c : r.camera.positions.closures)
     text += fmt::format("MI {} against MI {}: {:.4f} mm, {:.4f}° ({:.1f} σ). ", c.second + 1, c.first + 1,
                         c.distance_mm, c.angle_deg, c.sigmas);
-  return text + "</p>";
+  text += "</p>";
+  for (const std::string& w : r.session.warnings) text += "<p class=fail>" + xml_escaped(w) + "</p>";
+  return text;
 }
 
 std::string chain_section(const Chain& chain) {
@@ -110,7 +114,7 @@ std::string number(const json& j) {
 }
 
 std::string check_section(const CaseResults& r) {
-  const json j = feasibility_json(r.design.feasibility);
+  const json& j = *r.design.feasibility;
   std::string text = fmt::format("<h2>Can it be realized?</h2><p>{}</p><table>", number(j["verdict"]));
   text += row({"constraint", "value", "limit", "unit", ""}, "th");
   for (const json& c : j["constraints"]) {
@@ -139,7 +143,7 @@ std::string design_section(const CaseResults& r) {
   return text + "</ul></details>";
 }
 
-Result<std::string> pictures_section(const fs::path& folder) {
+Result<std::string> pictures_section(const std::vector<fs::path>& made_in) {
   const std::pair<const char*, const char*> pictures[] = {
       {"splint_on_maxilla.png", "The splint on the maxilla."},
       {"splint_cavity.png", "The splint's cavity."},
@@ -154,8 +158,11 @@ Result<std::string> pictures_section(const fs::path& folder) {
   std::string text = "<h2>Pictures</h2><div class=pictures>\n";
   for (const auto& [name, caption] : pictures) {
     std::error_code ec;
-    if (!fs::exists(folder / "pictures" / name, ec)) continue;  // no splint, no pictures of it
-    GNATHION_TRY(const std::string png, read_file(folder / "pictures" / name));
+    const auto folder = std::find_if(made_in.begin(), made_in.end(), [&, n = name](const fs::path& f) {
+      return fs::exists(f / "pictures" / n, ec);
+    });
+    if (folder == made_in.end()) continue;  // no splint, no pictures of it
+    GNATHION_TRY(const std::string png, read_file(*folder / "pictures" / name));
     text += fmt::format(
         "<figure><img alt=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>\n",
         caption, base64(png), caption);
@@ -171,16 +178,32 @@ std::string inputs_section(const CaseResults& r) {
   return text + "</table>";
 }
 
+std::string provenance_section(const CaseResults& r, const StepRecord& record) {
+  std::string text = fmt::format(
+      "<h2>Where this comes from</h2><p>Case {}, gnathion {}, {}. <code>gnathion case provenance</code> "
+      "tells the "
+      "whole way back.</p><table>",
+      xml_escaped(r.case_id), record.program, record.time);
+  text += row({"made from", "SHA-256"}, "th");
+  for (const FileRecord& f : record.inputs)
+    text += row({xml_escaped(f.path), "<code>" + f.sha256 + "</code>"});
+  return text + "</table>";
+}
+
 }  // namespace
 
-Status write_report(const CaseResults& r, const fs::path& folder) {
-  GNATHION_TRY(const std::string pictures, pictures_section(folder));
+Status write_report(const CaseResults& r, const std::vector<fs::path>& made_in, const StepRecord& record,
+                    const fs::path& folder) {
+  GNATHION_TRY(const std::string pictures, pictures_section(made_in));
+  const bool measured = r.route == PositionRoute::kMeasured;
   const std::string html = fmt::format(
-      "<!doctype html><html lang=en><meta charset=utf-8><title>Gnathion report</title><style>{}</style>"
-      "<h1>Occlusal positioning splint</h1><p>gnathion {}</p>"
-      "<p class=note>Research use only. This report makes no clinical claim.</p>{}{}{}{}{}{}{}</html>\n",
-      kStyle, kVersion, motion_section(r), design_section(r), pictures, check_section(r),
-      recording_section(r), chain_section(r.chain), inputs_section(r));
+      "<!doctype html><html lang=en><meta charset=utf-8><title>Gnathion report {0}</title><style>{1}</style>"
+      "<h1>Occlusal positioning splint</h1><p>Case {0}, gnathion {2}</p>"
+      "<p class=note>Research use only. This report makes no clinical "
+      "claim.</p>{3}{4}{5}{6}{7}{8}{9}{10}</html>\n",
+      xml_escaped(r.case_id), kStyle, kVersion, motion_section(r), design_section(r), pictures,
+      check_section(r), measured ? recording_section(r) : "", measured ? chain_section(r.chain) : "",
+      inputs_section(r), provenance_section(r, record));
   return write_file(folder / "report.html", html);
 }
 

@@ -1,0 +1,27 @@
+// --config and --set of the commands that design a splint.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+#include "design/edits.h"
+#include "design/parameters.h"
+
+namespace CLI {
+class App;
+}
+
+namespace gnathion {
+
+struct ParameterOptions {
+  std::string config;
+  std::vector<std::string> set;
+};
+void add_parameter_options(CLI::App& command, ParameterOptions& o);
+
+Result<SplintParameters> effective_parameters(const ParameterOptions& o, const SplintParameters& base = {});
+/// Edits of the --config file; they take the place of `base` where there are any.
+Result<SplintEdits> effective_edits(const ParameterOptions& o, const SplintEdits& base = {});
+
+}  // namespace gnathion
