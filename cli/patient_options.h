@@ -1,0 +1,19 @@
+// Options that all commands about a patient's jaws and joints share.
+#pragma once
+
+#include "pipeline/check_job.h"
+
+namespace CLI {
+class App;
+}
+
+namespace gnathion {
+
+/// --maxilla, --mandible.
+void add_jaw_options(CLI::App& command, PatientFiles& files);
+/// --cbct and how it is read: --series, --bone-level, --cbct-pose, --condyle-labels, --fossa-labels.
+void add_joint_options(CLI::App& command, PatientFiles& files);
+/// --motion, --calibration.
+void add_recording_options(CLI::App& command, PatientFiles& files);
+
+}  // namespace gnathion
