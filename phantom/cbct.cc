@@ -84,6 +84,9 @@ void for_voxels_near(const Canvas& c, const TriangleMesh& mesh, const Rigid3& mo
     const Vector3 centre = back * b.centre_mm;
     const Vector3 beyond = (box.min_mm - centre).cwiseMax(centre - box.max_mm).cwiseMax(0.0);
     if (beyond.norm() > b.radius_mm + 1.0) return;
+    const auto middle = query.signed_distance(centre, b.radius_mm + kDeepMm);
+    if (!middle) return;
+    if (!middle->closest.on_boundary && middle->distance_mm > b.radius_mm + 1.0) return;
     LocalQuery local(query);
     if (!local.gather(centre, b.radius_mm + 1e-6, kDeepMm)) return;
     for_voxels(c, b, [&](std::size_t voxel, const Vector3& p) {
