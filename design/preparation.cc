@@ -12,7 +12,6 @@
 namespace gnathion {
 namespace {
 
-constexpr double kCoarseMm = 0.3;
 constexpr double kBandHalfWidthMm = 9.0;  // crowns lie this near to the arch curve
 constexpr double kFragmentShare = 0.02;
 constexpr int kNormalRadiusRings = 2;  // smoothing passes of the normals that tell stops from walls
@@ -114,7 +113,7 @@ Box crown_box(const TriangleMesh& support, const OcclusalMap& level, double dept
 
 /// Room for the crowns, their image in TP, the shell and its fillets.
 GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, const Rigid3& tp_from_mi,
-                     const SplintParameters& p, double spacing_mm) {
+                     const SplintParameters& p, double spacing_mm, double room_mm) {
   const Box crowns = crown_box(support, level, p.depth_mm);
   Box box = crowns;
   for (int corner = 0; corner < 8; ++corner) {
@@ -130,13 +129,27 @@ GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, cons
   GridShape shape;
   shape.spacing_mm = spacing_mm;
   // Whole multiples of the spacing, so that grids of one patient lie alike whatever T_th is.
+  const double step = std::max(1.0, std::round(room_mm / spacing_mm)) * spacing_mm;
   for (int d = 0; d < 3; ++d) {
-    const double low = std::floor(box.min_mm[d] / spacing_mm);
-    const double high = std::ceil(box.max_mm[d] / spacing_mm);
-    shape.origin_mm[d] = low * spacing_mm;
-    shape.nodes[d] = static_cast<int>(high - low) + 1;
+    const double low = std::floor(box.min_mm[d] / step) * step;
+    const double high = std::ceil(box.max_mm[d] / step) * step;
+    shape.origin_mm[d] = low;
+    shape.nodes[d] = static_cast<int>(std::lround((high - low) / spacing_mm)) + 1;
   }
   return shape;
+}
+
+/// Coarse spacing and box; the voxel decides how many fine ones make a coarse one.
+Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, const PreparationGrid& grid,
+                Preparation& p) {
+  // 0.3 mm, or 0.4 for voxels of 0.2: the small term settles halves.
+  p.refinement = std::max(1, static_cast<int>(std::lround(grid.spacing_mm / parameters.voxel_mm + 0.01)));
+  p.coarse = design_box(p.support.mesh(), p.level, p.tp_from_mi, parameters,
+                        parameters.voxel_mm * p.refinement, grid.room_mm);
+  if ((p.coarse.nodes.array() < 8).any() || (p.coarse.nodes.array() > 2000).any())
+    return bad_input("cannot design", inputs.on_maxilla() ? "maxilla" : "mandible",
+                     "no crowns found near the arch curve");
+  return {};
 }
 
 constexpr double kStampHoleMm = 4.0;   // wider openings are rims of patches
@@ -165,7 +178,8 @@ Result<TriangleMesh> stamp_solid(const TriangleMesh& surface_dental, const Rigid
 
 }  // namespace
 
-Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters) {
+Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters,
+                            const PreparationGrid& grid) {
   GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
   std::vector<std::string> warnings, holes;
   const char* const support_name = inputs.on_maxilla() ? "maxilla" : "mandible";
@@ -188,33 +202,41 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                                                  crown_box(support, level, parameters.depth_mm)));
     given_stamp.emplace(std::move(solid));
   }
-
-  // 0.3 mm, or 0.4 for voxels of 0.2: the small term settles halves.
-  const int refinement = std::max(1, static_cast<int>(std::lround(kCoarseMm / parameters.voxel_mm + 0.01)));
-  const GridShape coarse =
-      design_box(support, level, tp_from_mi, parameters, parameters.voxel_mm * refinement);
-  if ((coarse.nodes.array() < 8).any() || (coarse.nodes.array() > 2000).any())
-    return bad_input("cannot design", support_name, "no crowns found near the arch curve");
   std::vector<FreePose> free = free_poses(inputs, arch, design_from_dental, parameters);
   std::vector<Vector3> normals = smoothed_normals(support);
   std::vector<double> sharp = sharpness(support), sharp_opposing = sharpness(opposing);
   for (const std::string& hole : holes) warnings.push_back(fmt::format("{}: {}", support_name, hole));
-  return Preparation{std::move(arch),
-                     design_from_dental,
-                     insertion,
-                     tp_from_mi,
-                     MeshQuery(std::move(support)),
-                     MeshQuery(std::move(opposing)),
-                     std::move(given_stamp),
-                     std::move(normals),
-                     std::move(sharp),
-                     std::move(sharp_opposing),
-                     EditField(inputs.edits, design_from_dental),
-                     std::move(free),
-                     std::move(level),
-                     coarse,
-                     refinement,
-                     std::move(warnings)};
+  Preparation preparation{std::move(arch),
+                          design_from_dental,
+                          insertion,
+                          tp_from_mi,
+                          MeshQuery(std::move(support)),
+                          MeshQuery(std::move(opposing)),
+                          std::move(given_stamp),
+                          std::move(normals),
+                          std::move(sharp),
+                          std::move(sharp_opposing),
+                          EditField(inputs.edits, design_from_dental),
+                          std::move(free),
+                          std::move(level),
+                          {},
+                          1,
+                          std::move(warnings)};
+  GNATHION_CHECK_OK(set_grid(inputs, parameters, grid, preparation));
+  return preparation;
+}
+
+Result<Preparation> prepared_again(Preparation last, const SplintInputs& inputs,
+                                   const SplintParameters& parameters, const PreparationGrid& grid) {
+  const Rigid3 tp_from_mi =
+      last.design_from_dental * inputs.opposing_motion() * last.design_from_dental.inverse();
+  const Rigid3 moved = tp_from_mi * last.tp_from_mi.inverse();
+  if (!moved.matrix().isIdentity(1e-12)) last.opposing = MeshQuery(transformed(moved, last.opposing.mesh()));
+  last.tp_from_mi = tp_from_mi;
+  last.edits = EditField(inputs.edits, last.design_from_dental);
+  last.free_poses = free_poses(inputs, last.arch, last.design_from_dental, parameters);
+  GNATHION_CHECK_OK(set_grid(inputs, parameters, grid, last));
+  return last;
 }
 
 }  // namespace gnathion

@@ -74,6 +74,20 @@ struct Preparation {
   const MeshQuery& stamp_source() const { return given_stamp ? *given_stamp : support; }
 };
 
-Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters);
+/// How fine the coarse grids are, and how much room they have.
+struct PreparationGrid {
+  double spacing_mm = 0.3;  ///< about; a multiple of the voxel
+  /// The box is widened to multiples of this, so that it stays the same while a parameter is dragged; 0: no
+  /// wider than needed.
+  double room_mm = 0.0;
+};
+
+Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters,
+                            const PreparationGrid& grid = {});
+
+/// The same jaws once more: with another T_th, other edits, excursions or sizes. What hangs on the supporting
+/// arch alone is kept; its insertion's parameters and depth must be those of `last`.
+Result<Preparation> prepared_again(Preparation last, const SplintInputs& inputs,
+                                   const SplintParameters& parameters, const PreparationGrid& grid = {});
 
 }  // namespace gnathion

@@ -43,13 +43,6 @@ class Steps {
   Stopwatch watch_;
 };
 
-TriangleMesh extract(const SplintField& field) {
-  ExtractionField f;
-  f.estimate = [&](const Vector3& p) { return field.estimate(p).value; };
-  f.exact = [&](const std::vector<Vector3>& p, std::vector<double>& values) { field.exact(p, values); };
-  return extracted_surface(f, field.preparation().coarse, field.preparation().refinement);
-}
-
 void warn_of_pieces(const LargestPiece& pieces, std::vector<std::string>& warnings) {
   if (pieces.largest_island_mm3 > kIslandMm3)
     warnings.push_back(
@@ -94,16 +87,16 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     design.arch = preparation.arch;
     design.insertion = preparation.insertion;
     design.edits = inputs.edits;
+    design.warnings = preparation.warnings;
     if (preparation.free_poses.empty() && (!inputs.excursions.empty() || parameters.excursion_mm > 0.0))
       design.warnings.push_back(
           "excursions were asked for, and none leaves TP by more than 0.3 mm: nothing is relieved");
-    design.warnings = preparation.warnings;
 
     steps.begin("shells and stamp", 0.25);
     const SplintField field(preparation, parameters);
 
     steps.begin("extraction", 0.25);
-    LargestPiece pieces = largest_piece(extract(field));
+    LargestPiece pieces = largest_piece(extracted_splint(field));
     warn_of_pieces(pieces, design.warnings);
     if (pieces.mesh.empty())
       return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");
@@ -126,6 +119,8 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     if (!design.verification.seating_note.empty())
       design.warnings.push_back(design.verification.seating_note + ": no predicted seating");
     const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
+    verify_insertability(splint, preparation, inputs.support(), fdi, design.verification);
+    verify_imprint(splint, preparation, design.verification);
     design.verification.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
     for (Aperture& drawn :
          drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))

@@ -7,6 +7,7 @@
 
 #include "design/blockout.h"
 #include "design/distances.h"
+#include "design/extraction.h"
 #include "design/freedom.h"
 #include "design/shells.h"
 #include "design/solid_distance.h"
@@ -78,32 +79,56 @@ struct SplintField::Ingredients {
   double free = 1e9;  // distance from what must run free
 };
 
-SplintField::SplintField(const Preparation& preparation, const SplintParameters& parameters)
-    : prep_(preparation), par_(parameters), natural_from_tp_(preparation.tp_from_mi.inverse()) {
-  sample_distances();
-  build_shapes();
+namespace {
+
+void sample_support(const Preparation& prep, JawDistances& jaws) {
+  jaws.support = sampled_distance(prep.coarse, prep.support, {}, kBandMm, OutsideEnd::kBottom);
+  jaws.support_swept = swept_up(jaws.support);
 }
 
-void SplintField::sample_distances() {
-  tbb::parallel_invoke(
-      [&] { support_ = sampled_distance(prep_.coarse, prep_.support, {}, kBandMm, OutsideEnd::kBottom); },
-      [&] {
-        stamp_ = sampled_distance(prep_.coarse, prep_.stamp_source(), natural_from_tp_, kBandMm,
-                                  OutsideEnd::kBottom);
-      },
-      [&] { opposing_ = sampled_distance(prep_.coarse, prep_.opposing, {}, kBandMm, OutsideEnd::kTop); });
-  support_swept_ = swept_up(support_);
-  const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep_.coarse.spacing_mm)));
-  opposing_swept_ = looked_up(swept_down(opposing_), steps);
+void sample_stamp(const Preparation& prep, JawDistances& jaws) {
+  jaws.stamp = sampled_distance(prep.coarse, prep.stamp_source(), prep.tp_from_mi.inverse(), kBandMm,
+                                OutsideEnd::kBottom);
+}
+
+void sample_opposing(const Preparation& prep, JawDistances& jaws) {
+  jaws.opposing = sampled_distance(prep.coarse, prep.opposing, {}, kBandMm, OutsideEnd::kTop);
+  const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep.coarse.spacing_mm)));
+  jaws.opposing_swept = looked_up(swept_down(jaws.opposing), steps);
+}
+
+}  // namespace
+
+JawDistances sampled_jaws(const Preparation& prep) {
+  JawDistances jaws;
+  tbb::parallel_invoke([&] { sample_support(prep, jaws); }, [&] { sample_stamp(prep, jaws); },
+                       [&] { sample_opposing(prep, jaws); });
+  return jaws;
+}
+
+JawDistances resampled_opposing(const Preparation& prep, JawDistances last) {
+  tbb::parallel_invoke([&] { sample_stamp(prep, last); }, [&] { sample_opposing(prep, last); });
+  return last;
+}
+
+SplintField::SplintField(const Preparation& preparation, const SplintParameters& parameters,
+                         JawDistances jaws)
+    : prep_(preparation),
+      par_(parameters),
+      natural_from_tp_(preparation.tp_from_mi.inverse()),
+      jaws_(std::move(jaws)) {
+  build_shapes();
 }
 
 void SplintField::build_shapes() {
   tbb::parallel_invoke(
-      [&] { cavity_closed_ = without_embrasures(coarse_cavity(support_, support_swept_, par_), par_); },
       [&] {
-        const CoarseGrid outline = distance_from_rim_outline(support_swept_, prep_.level, par_);
-        const CoarseGrid shell = outer_shell(support_swept_, outline, par_);
-        body_ = joined_body(shell, stamp_body(stamp_, prep_, par_), opposing_, par_);
+        cavity_closed_ = without_embrasures(coarse_cavity(jaws_.support, jaws_.support_swept, par_), par_);
+      },
+      [&] {
+        const CoarseGrid outline = distance_from_rim_outline(jaws_.support_swept, prep_.level, par_);
+        const CoarseGrid shell = outer_shell(jaws_.support_swept, outline, par_);
+        body_ = joined_body(shell, stamp_body(jaws_.stamp, prep_, par_), jaws_.opposing, par_);
         if (prep_.edits.smooths()) body_smoothed_ = blurred(body_, kBlurMm);
         if (!prep_.free_poses.empty())
           free_ = swept_along(prep_.free_poses, par_.disclusion_mm, prep_.opposing, body_);
@@ -112,7 +137,7 @@ void SplintField::build_shapes() {
 
 bool SplintField::near_jaw(const Vector3& p, double distance_mm) const {
   const GridCell cell = located(prep_.coarse, p);
-  return std::min(support_.linear(cell), opposing_.linear(cell)) < distance_mm + kEstimateMm;
+  return std::min(jaws_.support.linear(cell), jaws_.opposing.linear(cell)) < distance_mm + kEstimateMm;
 }
 
 double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
@@ -132,13 +157,13 @@ double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
 SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   Ingredients in;
   const GridCell cell = located(prep_.coarse, p);
-  in.support = support_.linear(cell);
+  in.support = jaws_.support.linear(cell);
   in.gap = 0.5 * (par_.gap_mm + par_.stop_gap_mm);
-  in.support_swept = support_swept_.linear(cell);
+  in.support_swept = jaws_.support_swept.linear(cell);
   in.cavity_closed = cavity_closed_.linear(cell);
-  in.stamp = stamp_.linear(cell);
-  in.opposing = opposing_.linear(cell);
-  in.opposing_swept = opposing_swept_.linear(cell);
+  in.stamp = jaws_.stamp.linear(cell);
+  in.opposing = jaws_.opposing.linear(cell);
+  in.opposing_swept = jaws_.opposing_swept.linear(cell);
   in.body = body_.linear(cell);
   if (prep_.edits.smooths()) in.body_smoothed = body_smoothed_.linear(cell);
   if (!prep_.free_poses.empty()) in.free = free_.linear(cell);
@@ -239,6 +264,13 @@ void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>&
   stamp.measure(prep_.stamp_source(),
                 [&](std::size_t i, const SignedDistance& d) { in[i].stamp = d.distance_mm; });
   for (std::size_t i = 0; i < points.size(); ++i) values[i] = compose(points[i], in[i]).value;
+}
+
+TriangleMesh extracted_splint(const SplintField& field) {
+  ExtractionField f;
+  f.estimate = [&](const Vector3& p) { return field.estimate(p).value; };
+  f.exact = [&](const std::vector<Vector3>& p, std::vector<double>& values) { field.exact(p, values); };
+  return extracted_surface(f, field.preparation().coarse, field.preparation().refinement);
 }
 
 }  // namespace gnathion

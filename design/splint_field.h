@@ -23,9 +23,24 @@ struct FieldTerms {
   SurfacePart part = SurfacePart::kOuter;
 };
 
+/// Coarse distances that hang on the jaws and T_th alone, not on any size of the splint.
+struct JawDistances {
+  CoarseGrid support;         ///< φ_M
+  CoarseGrid support_swept;   ///< M ⊕ R_a
+  CoarseGrid stamp;           ///< φ of T_th M
+  CoarseGrid opposing;        ///< φ of L_TP
+  CoarseGrid opposing_swept;  ///< L_TP and its way down, but for the last kSweepStart
+};
+JawDistances sampled_jaws(const Preparation& preparation);
+/// The same after the opposing arch has moved: the support's are those of `last`, whose box is the same.
+JawDistances resampled_opposing(const Preparation& preparation, JawDistances last);
+
 class SplintField {
  public:
-  SplintField(const Preparation& preparation, const SplintParameters& parameters);
+  /// Refers to both.
+  SplintField(const Preparation& preparation, const SplintParameters& parameters)
+      : SplintField(preparation, parameters, sampled_jaws(preparation)) {}
+  SplintField(const Preparation& preparation, const SplintParameters& parameters, JawDistances jaws);
 
   /// From grids alone; good to about 0.1 mm.
   FieldTerms estimate(const Vector3& p_mm) const;
@@ -38,10 +53,10 @@ class SplintField {
   const Preparation& preparation() const { return prep_; }
   const SplintParameters& parameters() const { return par_; }
   const CoarseGrid& body_grid() const { return body_; }
+  const JawDistances& jaws() const { return jaws_; }
 
  private:
   struct Ingredients;
-  void sample_distances();
   void build_shapes();
   Ingredients interpolated(const Vector3& p_mm) const;
   FieldTerms compose(const Vector3& p_mm, const Ingredients& in) const;
@@ -49,16 +64,15 @@ class SplintField {
 
   const Preparation& prep_;
   const SplintParameters& par_;
-  Rigid3 natural_from_tp_;     ///< T_th⁻¹
-  CoarseGrid support_;         ///< φ_M
-  CoarseGrid support_swept_;   ///< M ⊕ R_a
-  CoarseGrid cavity_closed_;   ///< cavity with embrasures closed
-  CoarseGrid stamp_;           ///< φ of T_th M
-  CoarseGrid opposing_;        ///< φ of L_TP
-  CoarseGrid opposing_swept_;  ///< L_TP and its way down, but for the last kSweepStart
-  CoarseGrid body_;            ///< shell, stamp and fillets, smooth
-  CoarseGrid body_smoothed_;   ///< the same, blurred: where strokes smooth; else empty
-  CoarseGrid free_;            ///< the opposing arch swept along its excursions; empty: none
+  Rigid3 natural_from_tp_;  ///< T_th⁻¹
+  JawDistances jaws_;
+  CoarseGrid cavity_closed_;  ///< cavity with embrasures closed
+  CoarseGrid body_;           ///< shell, stamp and fillets, smooth
+  CoarseGrid body_smoothed_;  ///< the same, blurred: where strokes smooth; else empty
+  CoarseGrid free_;           ///< the opposing arch swept along its excursions; empty: none
 };
+
+/// The field's zero level, pieces and all.
+TriangleMesh extracted_splint(const SplintField& field);
 
 }  // namespace gnathion

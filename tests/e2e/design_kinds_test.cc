@@ -7,6 +7,7 @@
 #include "core/random.h"
 #include "design/insertion.h"
 #include "design/preparation.h"
+#include "design/preview.h"
 #include "design/splint.h"
 #include "occlusion/contacts.h"
 #include "occlusion/crowns.h"
@@ -356,6 +357,53 @@ TEST(Insertion, CountsTheInsideAsTheWindingNumberDoes) {
         within += d->distance_mm < 0.0;
       }
   EXPECT_GT(within, 100u);
+}
+
+// What the previewer remembers does not change what it makes, and that is the splint that the design makes.
+TEST(Preview, IsTheSameWithAndWithoutMemoryAndLikeTheDesign) {
+  SplintPreviewer remembers;
+  SplintInputs in = inputs();
+  SplintParameters p;
+  p.voxel_mm = kVoxelMm;
+  const auto both = [&](const char* what) {
+    const auto again = remembers.build(in, p);
+    const auto fresh = SplintPreviewer().build(in, p);
+    ASSERT_TRUE(again) << again.error().line();
+    ASSERT_TRUE(fresh) << fresh.error().line();
+    EXPECT_EQ(again->splint.vertices_mm, fresh->splint.vertices_mm) << what;
+    EXPECT_EQ(again->splint.triangles, fresh->splint.triangles) << what;
+    EXPECT_TRUE(mesh_topology(again->splint).watertight()) << what;
+  };
+  both("first");
+  const auto preview = remembers.build(in, p);
+  ASSERT_TRUE(preview);
+  const auto& full = plain_design();
+  ASSERT_TRUE(full) << full.error().line();
+  const double volume = full->verification.volume_mm3;
+  EXPECT_NEAR(signed_volume_mm3(preview->splint), volume, 0.06 * volume);
+  const MeshQuery design(full->splint);
+  std::vector<double> off_mm;
+  for (const ClosestHit& hit : closest_points(design, preview->splint.vertices_mm))
+    off_mm.push_back(std::abs(hit.distance_mm));
+  std::sort(off_mm.begin(), off_mm.end());
+  EXPECT_LT(off_mm[off_mm.size() * 95 / 100], 0.3);
+
+  p.wall_mm = 1.3;
+  both("a thicker wall");
+  EXPECT_GT(signed_volume_mm3(remembers.build(in, p)->splint), 1.05 * signed_volume_mm3(preview->splint));
+  p.insertion_left_deg = 2.0;
+  both("another insertion");
+  in.arch = Arch::kMandible;
+  both("another arch");
+  const PhantomJaws others = make_phantom_jaws(24);
+  in = {others.maxilla, others.mandible_mi, therapeutic()};
+  both("other jaws");
+  in.therapeutic.rigid = Rigid3::from_translation({0.0, 0.0, -0.4}) * in.therapeutic.rigid;
+  const auto moved = remembers.build(in, p);
+  ASSERT_TRUE(moved);
+  const auto fresh = SplintPreviewer().build(in, p);
+  ASSERT_TRUE(fresh);
+  EXPECT_NEAR(signed_volume_mm3(moved->splint), signed_volume_mm3(fresh->splint), 1e-3);  // but for rounding
 }
 
 }  // namespace
