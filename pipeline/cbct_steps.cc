@@ -194,6 +194,7 @@ Result<Joints> joints_in_volume(const RegisteredVolume& registered, const Triang
     joints.condyle_covariance = joints.fossa_covariance = Matrix6::Zero();
   } else {
     joints.condyle_covariance = brought_back(mandible.covariance, mandible.cbct_from_mandible);
+    joints.scanned_from_mi.rigid = registered.cbct_from_dental.rigid.inverse() * mandible.cbct_from_mandible;
     if (registered.covariance)
       joints.fossa_covariance = brought_back(*registered.covariance, registered.cbct_from_dental.rigid);
   }

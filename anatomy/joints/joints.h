@@ -39,6 +39,8 @@ struct Joints {
   /// one volume shows the jaws in MI. Nothing: unknown.
   std::optional<Matrix6> condyle_covariance;
   std::optional<Matrix6> fossa_covariance;
+  /// Of the mandible from MI to where it was when the volume was taken; identity: in MI.
+  Motion<Dental> scanned_from_mi;
   std::vector<std::string> warnings;
   bool empty() const { return !left && !right; }
 };
