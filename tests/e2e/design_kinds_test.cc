@@ -395,9 +395,10 @@ TEST(Preview, IsTheSameWithAndWithoutMemoryAndLikeTheDesign) {
   both("another insertion");
   in.arch = Arch::kMandible;
   both("another arch");
-  const PhantomJaws others = make_phantom_jaws(24);
-  in = {others.maxilla, others.mandible_mi, therapeutic()};
-  both("other jaws");
+  const Rigid3 elsewhere = Rigid3::about_axis({10.0, 0.0, 5.0}, Vector3(1.0, 2.0, 3.0).normalized(), 0.7);
+  in = {transformed(elsewhere, jaws().maxilla), transformed(elsewhere, jaws().mandible_mi),
+        Motion<Dental>(elsewhere * therapeutic().rigid * elsewhere.inverse())};
+  both("jaws elsewhere");
   in.therapeutic.rigid = Rigid3::from_translation({0.0, 0.0, -0.4}) * in.therapeutic.rigid;
   const auto moved = remembers.build(in, p);
   ASSERT_TRUE(moved);
