@@ -10,6 +10,7 @@
 #include "pipeline/case_folder.h"
 #include "pipeline/case_roles.h"
 #include "pipeline/catalogue.h"
+#include "pipeline/import_case.h"
 #include "pipeline/provenance.h"
 
 namespace gnathion {
@@ -226,6 +227,64 @@ void add_provenance(CLI::App& group, ChosenCommand& chosen) {
       false);
 }
 
+CommandOutput import_output(const ImportReport& report, const std::string& folder) {
+  std::string text = fmt::format("case {} in {}\n", report.id, folder);
+  for (const std::string& taken : report.taken) text += "  " + taken + "\n";
+  for (const std::string& note : report.notes) text += "  note: " + note + "\n";
+  return {text,
+          dumped({{"case", report.id}, {"folder", folder}, {"taken", report.taken}, {"notes", report.notes}}),
+          false};
+}
+
+void add_import(CLI::App& group, ChosenCommand& chosen) {
+  struct Options {
+    CaseImport what;
+    std::vector<std::string> roles;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand(
+      "import", "a case from a folder of STL/PLY/OBJ, a dpVision workspace, or a PLUS sequence");
+  command->add_option("FROM", o->what.from, "folder, .dpw, .atmdl, .dpvision, .mha, .nrrd")->required();
+  command->add_option("--out", o->what.folder, "case folder to make")->required();
+  command->add_option("--id", o->what.id, "letters, digits, '.', '_', '-'; else the folder's name");
+  command->add_option("--patient-name", o->what.patient.name, "goes into case.toml and nowhere else");
+  command->add_option("--patient-number", o->what.patient.number, "as --patient-name");
+  command->add_option(
+      "--role", o->roles,
+      "ROLE=FILE (of a workspace: ROLE=LABEL) where names do not tell; repeatable. Roles: " + roles_text());
+  command->add_flag("--trust-names", o->what.trust_names, "go on where the shapes do not confirm the names");
+  finish_command(
+      *command, chosen,
+      [o](const CommonOptions&, Progress& progress) -> Result<CommandOutput> {
+        ::umask(0077);
+        SystemClock clock;
+        GNATHION_TRY(const auto roles, parse_files(o->roles));
+        for (const NewCaseFile& r : roles) o->what.roles[r.role] = r.from.string();
+        if (o->what.id.empty())
+          o->what.id = std::filesystem::absolute(o->what.folder).lexically_normal().filename().string();
+        GNATHION_TRY(const ImportReport report, import_case(o->what, clock, progress));
+        return import_output(report, o->what.folder.string());
+      },
+      false);
+}
+
+void add_export(CLI::App& group, ChosenCommand& chosen) {
+  struct Options {
+    std::string folder, out;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand("export", "a case as a workspace of dpVision, meshes beside it");
+  command->add_option("CASE", o->folder, "case folder")->required();
+  command->add_option("--out", o->out, "workspace to write, *.dpw")->required();
+  finish_command(*command, chosen, [o](const CommonOptions& common, Progress&) -> Result<CommandOutput> {
+    ::umask(0077);
+    GNATHION_TRY(const std::vector<std::string> written, export_dpw(o->folder, o->out, common.force));
+    std::string text;
+    for (const std::string& file : written) text += file + "\n";
+    return CommandOutput{text, dumped({{"written", written}}), false};
+  });
+}
+
 }  // namespace
 
 void add_case_commands(CLI::App& app, ChosenCommand& chosen) {
@@ -236,6 +295,8 @@ void add_case_commands(CLI::App& app, ChosenCommand& chosen) {
   add_info(*group, chosen);
   add_list(*group, chosen);
   add_provenance(*group, chosen);
+  add_import(*group, chosen);
+  add_export(*group, chosen);
 }
 
 }  // namespace gnathion

@@ -67,7 +67,7 @@ std::string new_case_toml(const NewCase& what, const std::string& created) {
       "# millimetres. docs/cases.md tells every key.\n\n[case]\nid = {}\nkind = {}\ncreated = {}\n",
       toml_quoted(what.id), toml_quoted(what.kind), toml_quoted(created));
   if (!what.patient.empty()) text += patient_section(what.patient);
-  return text;
+  return text + what.more_toml;
 }
 
 std::string verdict_of(const fs::path& folder) {

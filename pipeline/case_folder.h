@@ -28,6 +28,7 @@ struct NewCase {
   std::string kind = "patient";
   PatientIdentity patient;  ///< into [patient] of case.toml and nowhere else
   std::vector<NewCaseFile> files;
+  std::string more_toml;  ///< goes behind the rest: [[plane]] and the like
 };
 
 /// Makes `folder` (0700, its files 0600), whole or not at all. Refused (kUsage): a folder that exists, an id
