@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <tbb/parallel_invoke.h>
 
 #include "core/time.h"
 #include "design/extraction.h"
@@ -65,6 +66,35 @@ void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, cons
                                                     SurfacePart::kImprint, SurfacePart::kRelief}));
 }
 
+/// All measurements, side by side: each fills its own part of the verification. Returns the side walls' 1st
+/// percentile.
+double verify(const SplintInputs& inputs, const FinishedSplint& splint, const SplintField& field,
+              SplintDesign& design) {
+  const Preparation& preparation = field.preparation();
+  SplintVerification& out = design.verification;
+  double side_wall_p01_mm = 0.0;
+  tbb::parallel_invoke(
+      [&] { verify_topology(splint, out); }, [&] { verify_walls(splint, field, out, &side_wall_p01_mm); },
+      [&] { verify_fit(splint, preparation, inputs.arch, out); },
+      [&] { verify_contacts(inputs, splint, preparation, out); },
+      [&] { verify_seating(inputs, splint, preparation, out); },
+      [&] {
+        verify_freedom(splint, preparation, out);
+        verify_imprint(splint, preparation, out);  // along the way that must run free
+      },
+      [&] {
+        const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
+        verify_insertability(splint, preparation, inputs.support(), fdi, out);
+        out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
+        for (Aperture& drawn :
+             drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))
+          out.apertures.push_back(std::move(drawn));
+      });
+  const Rigid3 dental = preparation.design_from_dental.inverse();
+  out.thickness.where_mm = dental * out.thickness.where_mm;
+  return side_wall_p01_mm;
+}
+
 void judge(SplintDesign& design, double side_wall_p01_mm) {
   design.gates = splint_gates(design.verification, design.parameters, side_wall_p01_mm);
   for (const Gate& gate : design.gates)
@@ -109,24 +139,10 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     const FinishedSplint splint(std::move(pieces.mesh), field);
 
     steps.begin("verification", 0.35);
-    double side_wall_p01_mm = 0.0;
-    verify_topology(splint, design.verification);
-    verify_walls(splint, field, design.verification, &side_wall_p01_mm);
-    verify_fit(splint, preparation, inputs.arch, design.verification);
-    verify_contacts(inputs, splint, preparation, design.verification);
-    verify_freedom(splint, preparation, design.verification);
-    verify_seating(inputs, splint, preparation, design.verification);
+    const double side_wall_p01_mm = verify(inputs, splint, field, design);
     if (!design.verification.seating_note.empty())
       design.warnings.push_back(design.verification.seating_note + ": no predicted seating");
-    const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
-    verify_insertability(splint, preparation, inputs.support(), fdi, design.verification);
-    verify_imprint(splint, preparation, design.verification);
-    design.verification.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
-    for (Aperture& drawn :
-         drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))
-      design.verification.apertures.push_back(std::move(drawn));
     const Rigid3 dental = preparation.design_from_dental.inverse();
-    design.verification.thickness.where_mm = dental * design.verification.thickness.where_mm;
     judge(design, side_wall_p01_mm);
     design.splint = transformed(dental, splint.mesh());
     add_pictures(inputs, splint, preparation, design);
