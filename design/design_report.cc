@@ -46,6 +46,21 @@ json aperture_facts(const std::vector<Aperture>& apertures) {
   return out;
 }
 
+json insertability_facts(const SplintVerification& v) {
+  return {{"deepest_mm", v.insertability.deepest_mm},
+          {"before_seat_mm", v.insertability.before_seat_mm},
+          {"where_mm", point(v.insertability.where_mm)},
+          {"teeth", v.insertability.teeth}};
+}
+
+json imprint_facts(const SplintVerification& v) {
+  return {{"depth_mm", v.imprint.depth_mm},
+          {"where_mm", point(v.imprint.deepest_where_mm)},
+          {"undercut_mm", v.imprint.undercut_mm},
+          {"undercut_where_mm", point(v.imprint.undercut_where_mm)},
+          {"recorded_path", v.imprint.recorded_path}};
+}
+
 json freedom_facts(const SplintVerification& v) {
   if (!v.freedom) return nullptr;
   return {{"poses", v.freedom->poses}, {"deepest_mm", v.freedom->deepest_mm}};
@@ -119,6 +134,9 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
             {"max", v.contact_surface_error.max_mm}}},
           {"apertures", aperture_facts(v.apertures)},
           {"thin_under_contact_mm2", v.thin_under_contact_mm2},
+          {"insertability", insertability_facts(v)},
+          {"imprint", imprint_facts(v)},
+          {"bite", bite_json(v.bite)},
           {"freedom", freedom_facts(v)},
           {"predicted_seating", seating_facts(v.predicted_seating)},
           {"gates", gates},
