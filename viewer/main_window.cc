@@ -1,191 +1,314 @@
 #include "viewer/main_window.h"
 
 #include <QAction>
-#include <QCheckBox>
-#include <QDockWidget>
-#include <QFileDialog>
-#include <QGroupBox>
-#include <QHeaderView>
+#include <QActionGroup>
+#include <QApplication>
+#include <QCloseEvent>
+#include <QElapsedTimer>
 #include <QLabel>
-#include <QSlider>
+#include <QProgressBar>
+#include <QScrollArea>
+#include <QSplitter>
+#include <QStackedWidget>
 #include <QStatusBar>
-#include <QTableWidget>
-#include <QToolBar>
+#include <QTabBar>
+#include <QToolButton>
 #include <QVBoxLayout>
+
+#include "viewer/panels/calibrate_panel.h"
+#include "viewer/panels/design_panel.h"
+#include "viewer/panels/evaluate_panel.h"
+#include "viewer/panels/motion_panel.h"
+#include "viewer/panels/transform_panel.h"
+#include "viewer/widgets/layer_panel.h"
+#include "viewer/window_style.h"
 
 namespace gnathion {
 
-MainWindow::MainWindow(CaseScene scene) : scene_(std::move(scene)) {
-  setWindowTitle(QString("Gnathion: %1 (research use)").arg(QString::fromStdString(scene_.title)));
+MainWindow::MainWindow(WindowOptions options) : options_(std::move(options)) {
+  setObjectName("mainWindow");
+  setWindowTitle("Gnathion (research use)");
   resize(1280, 800);
-  view_ = std::make_unique<CaseView>(this);
-  setCentralWidget(view_->widget());
-  view_->show(scene_);
+  setStyleSheet(window_style());
+  auto* root = new QWidget;
+  auto* column = new QVBoxLayout(root);
+  column->setContentsMargins(0, 0, 0, 0);
+  column->setSpacing(0);
+  column->addWidget(messages_ = new MessageBar(root));
+  steps_ = new QTabBar;
+  steps_->setObjectName("steps");
+  steps_->setExpanding(false);
+  steps_->setDrawBase(false);
+  column->addWidget(steps_);
+  columns_ = new QSplitter(Qt::Horizontal);
+  columns_->setChildrenCollapsible(false);
+  column->addWidget(columns_, 1);
+  setCentralWidget(root);
 
-  auto* left = new QDockWidget("Case", this);
-  left->setFeatures(QDockWidget::DockWidgetMovable);
-  auto* panel = new QWidget;
-  auto* column = new QVBoxLayout(panel);
-  column->addWidget(make_layer_panel());
-  column->addWidget(make_gate_panel(), 1);
-  if (!scene_.missing.empty()) column->addWidget(make_missing_panel());
-  left->setWidget(panel);
-  left->setMinimumWidth(340);
-  addDockWidget(Qt::LeftDockWidgetArea, left);
-
-  auto* right = new QDockWidget("Cross-section", this);
-  right->setFeatures(QDockWidget::DockWidgetMovable);
-  profile_ = new ProfilePlot;
-  right->setWidget(profile_);
-  addDockWidget(Qt::RightDockWidgetArea, right);
-  resizeDocks({left, right}, {340, 380}, Qt::Horizontal);
-
+  make_centre();
+  make_steps();
+  make_right();
+  columns_->setSizes({330, 660, 290});
+  columns_->setStretchFactor(0, 0);
+  columns_->setStretchFactor(1, 1);
+  columns_->setStretchFactor(2, 0);
   make_toolbar();
-  statusBar()->showMessage("Left drag: turn. Middle drag: move. Wheel: zoom. Drag the blue plane to cut.");
-  start_section();
+  make_status();
+
+  document_.error.add([this](const QString& line) { messages_->show_error(line); });
+  document_.notice.add([this](const QString& line) { messages_->show_notice(line); });
+  jobs_.failed.add([this](const QString& line) { messages_->show_error(line); });
+  jobs_.changed.add([this] { show_job(); });
+  document_.layers().changed.add([this](const std::string&, LayerChange) { cut(); });
+  connect(steps_, &QTabBar::currentChanged, this, [this](int i) { go_to_step(i); });
+  go_to_step(0);
 }
 
-MainWindow::~MainWindow() = default;
-
-void MainWindow::start() {
-  const ArchFrame arch = scene_.arch.value_or(ArchFrame{});
-  view_->look_from(arch.anterior + 0.8 * arch.left - 0.3 * arch.up, arch.up);
-  view_->show_plane(true);
+MainWindow::~MainWindow() {
+  if (measure_) measure_->end();
 }
 
-QWidget* MainWindow::make_layer_panel() {
-  auto* group = new QGroupBox("Layers");
-  auto* column = new QVBoxLayout(group);
-  if (scene_.layers.empty()) column->addWidget(new QLabel("Nothing to show in this case yet."));
-  for (std::size_t i = 0; i < scene_.layers.size(); ++i) {
-    const Layer& layer = scene_.layers[i];
-    auto* row = new QHBoxLayout;
-    auto* swatch = new QLabel;
-    swatch->setFixedSize(14, 14);
-    swatch->setStyleSheet(
-        QString("background:%1;border:1px solid #888")
-            .arg(QColor::fromRgbF(layer.color_2d[0], layer.color_2d[1], layer.color_2d[2]).name()));
-    auto* box = new QCheckBox(QString::fromStdString(layer.name));
-    box->setChecked(layer.visible);
-    auto* opacity = new QSlider(Qt::Horizontal);
-    opacity->setRange(10, 100);
-    opacity->setValue(static_cast<int>(100 * layer.opacity));
-    opacity->setFixedWidth(80);
-    opacity->setToolTip("Opacity");
-    connect(box, &QCheckBox::toggled, this, [this, i](bool on) {
-      scene_.layers[i].visible = on;
-      view_->set_visible(i, on);
-      cut(view_->plane());
-    });
-    connect(opacity, &QSlider::valueChanged, this,
-            [this, i](int percent) { view_->set_opacity(i, percent / 100.0); });
-    row->addWidget(swatch);
-    row->addWidget(box, 1);
-    row->addWidget(opacity);
-    column->addLayout(row);
-    boxes_.push_back(box);
-  }
-  return group;
-}
-
-QWidget* MainWindow::make_gate_panel() {
-  auto* group = new QGroupBox(scene_.verdict.empty() ? QString("Gates")
-                                                     : "Gates: " + QString::fromStdString(scene_.verdict));
-  auto* column = new QVBoxLayout(group);
-  if (scene_.gates.empty()) {
-    auto* note = new QLabel("No verified design in this case yet.");
-    note->setWordWrap(true);
-    column->addWidget(note);
-    column->addStretch();
-    return group;
-  }
-  auto* table = new QTableWidget(static_cast<int>(scene_.gates.size()), 3);
-  table->setHorizontalHeaderLabels({"gate", "value", "limit"});
-  table->verticalHeader()->hide();
-  table->setEditTriggers(QAbstractItemView::NoEditTriggers);
-  table->setShowGrid(false);
-  for (int r = 0; r < table->rowCount(); ++r) {
-    const GateLine& gate = scene_.gates[static_cast<std::size_t>(r)];
-    QString name = QString::fromStdString(gate.name);
-    auto* item = new QTableWidgetItem((gate.pass ? QString::fromUtf8("✓ ") : QString::fromUtf8("✗ ")) +
-                                      name.replace('_', ' '));
-    item->setForeground(gate.pass ? QColor(17, 99, 41) : QColor(164, 14, 38));
-    item->setToolTip(name);
-    table->setItem(r, 0, item);
-    table->setItem(r, 1, new QTableWidgetItem(QString::number(gate.value, 'g', 3)));
-    table->setItem(r, 2, new QTableWidgetItem(QString::number(gate.limit, 'g', 3)));
-  }
-  table->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
-  table->horizontalHeader()->setSectionResizeMode(1, QHeaderView::ResizeToContents);
-  table->horizontalHeader()->setSectionResizeMode(2, QHeaderView::ResizeToContents);
-  column->addWidget(table);
-  return group;
-}
-
-QWidget* MainWindow::make_missing_panel() {
-  auto* group = new QGroupBox("Missing");
-  auto* column = new QVBoxLayout(group);
-  for (const std::string& line : scene_.missing) {
-    auto* label = new QLabel(QString::fromStdString(line));
-    label->setWordWrap(true);
-    label->setStyleSheet("color:#8a4b00");
-    column->addWidget(label);
-  }
-  return group;
-}
-
-void MainWindow::make_toolbar() {
-  QToolBar* bar = addToolBar("Views");
-  bar->setMovable(false);
-  const ArchFrame arch = scene_.arch.value_or(ArchFrame{});
-  const std::tuple<const char*, const char*, Vector3, Vector3> views[] = {
-      {"Front", "1", arch.anterior, arch.up},
-      {"Left", "2", arch.left, arch.up},
-      {"Right", "3", -arch.left, arch.up},
-      {"Occlusal", "4", -arch.up, arch.anterior},
-      {"Oblique", "5", arch.anterior + 0.8 * arch.left - 0.3 * arch.up, arch.up}};
-  for (const auto& [name, key, towards, up] : views) {
-    QAction* action = bar->addAction(name);
-    action->setShortcut(QKeySequence(key));
-    action->setToolTip(QString("%1 view (key %2)").arg(name, key));
-    connect(action, &QAction::triggered, this, [this, t = towards, u = up] { view_->look_from(t, u); });
-  }
-  bar->addSeparator();
-  QAction* plane = bar->addAction("Section");
-  plane->setCheckable(true);
-  plane->setChecked(true);
-  plane->setShortcut(QKeySequence("C"));
-  plane->setToolTip("Show the plane of the cross-section (key C)");
-  connect(plane, &QAction::toggled, this, [this](bool on) { view_->show_plane(on); });
-  QAction* shot = bar->addAction("Screenshot…");
-  shot->setShortcut(QKeySequence::Save);
-  connect(shot, &QAction::triggered, this, [this] {
-    const QString path =
-        QFileDialog::getSaveFileName(this, "Save a screenshot", "gnathion.png", "PNG (*.png)");
-    if (!path.isEmpty() && !grab().save(path))
-      statusBar()->showMessage("The screenshot could not be written to " + path);
+void MainWindow::make_centre() {
+  scene_ = std::make_unique<Scene3d>(document_.layers(), jobs_, nullptr, "scene");
+  second_ = std::make_unique<Scene3d>(second_layers_, jobs_, nullptr, "secondScene");
+  bench_ = std::make_unique<Workbench>(Workbench{
+      document_, jobs_, *scene_, *second_, second_layers_,
+      [this](bool shown) {
+        second_->widget()->setVisible(shown);
+        scene_->set_caption(shown ? "This design" : "");
+        if (shown) second_->link_camera(*scene_);
+        else second_->unlink_camera();
+      },
+      [this](const QString& line) { statusBar()->showMessage(line, 8000); },
+      {}});
+  auto* pair = new QSplitter(Qt::Horizontal);
+  pair->addWidget(scene_->widget());
+  pair->addWidget(second_->widget());
+  second_->widget()->hide();
+  empty_ = new QLabel(scene_->widget());
+  empty_->setObjectName("emptyScene");
+  empty_->setAlignment(Qt::AlignCenter);
+  empty_->setWordWrap(true);
+  empty_->setAttribute(Qt::WA_TransparentForMouseEvents);
+  strips_ = new QStackedWidget;
+  strips_->setObjectName("strip");
+  centre_ = new QSplitter(Qt::Vertical);
+  centre_->setChildrenCollapsible(false);
+  centre_->addWidget(pair);
+  centre_->addWidget(strips_);
+  centre_->setStretchFactor(0, 1);
+  scene_->hovered.add([this](const std::optional<PickedPoint>& p) {
+    if (!p) return coordinates_->setText("");
+    const Layer* layer = document_.layers().find(p->layer);
+    coordinates_->setText(QString("%1   x %2   y %3   z %4 mm")
+                              .arg(layer ? QString::fromStdString(layer->name) : "")
+                              .arg(p->at_mm.x(), 0, 'f', 2).arg(p->at_mm.y(), 0, 'f', 2).arg(p->at_mm.z(), 0, 'f', 2));
   });
+  scene_->plane_moved.add([this](const SectionPlane&) { cut(); });
 }
+
+void MainWindow::make_steps() {
+  panels_ = new QStackedWidget;
+  panels_->setMinimumWidth(300);
+  auto* motion = new MotionPanel(*bench_);
+  auto* transform = new TransformPanel(*bench_);
+  transform->from_motion = [motion] { return motion->picked_position(); };
+  panel_of_ = {new CapturePanel(*bench_, options_.connect, options_.socket),
+               motion,
+               new CalibratePanel(*bench_),
+               transform,
+               new DesignPanel(*bench_),
+               new EvaluatePanel(*bench_)};
+  for (Panel* panel : panel_of_) {
+    auto* scroll = new QScrollArea;
+    scroll->setWidget(panel);
+    scroll->setWidgetResizable(true);
+    scroll->setFrameShape(QFrame::NoFrame);
+    scroll->setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
+    panels_->addWidget(scroll);
+    strips_->addWidget(panel->strip() ? panel->strip() : new QWidget);
+    const int i = steps_->addTab(QString("%1  %2").arg(steps_->count() + 1).arg(step_name(panel->step())));
+    steps_->setTabToolTip(i, QString("Ctrl+%1").arg(i + 1));
+  }
+  columns_->addWidget(panels_);
+  columns_->addWidget(centre_);
+}
+
+void MainWindow::make_right() {
+  auto* right = new QSplitter(Qt::Vertical);
+  right->setChildrenCollapsible(false);
+  layer_panel_ = new LayerPanel(document_.layers());
+  layer_panel_->set_groups({"Patient", "Bone", "Design", "Maps", "Compared", "Registration", "Evaluation"});
+  auto* scroll = new QScrollArea;
+  scroll->setWidget(layer_panel_);
+  scroll->setWidgetResizable(true);
+  scroll->setFrameShape(QFrame::NoFrame);
+  scroll->setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
+  auto* below = new QWidget;
+  auto* column = new QVBoxLayout(below);
+  column->setContentsMargins(6, 4, 6, 4);
+  column->addWidget(heading("Cross-section"));
+  section_ = new ProfilePlot;
+  section_->setObjectName("section");
+  section_->set_axes("mm", "mm");
+  section_->set_note("Press C, then drag the blue plane through the teeth.");
+  column->addWidget(section_, 1);
+  right->addWidget(scroll);
+  right->addWidget(below);
+  right->setSizes({390, 310});
+  right->setMinimumWidth(250);
+  columns_->addWidget(right);
+}
+
+// --- a case -----------------------------------------------------------------------------------------------
+
+void MainWindow::open(const std::filesystem::path& folder) {
+  if (loading_) {
+    waiting_ = folder;
+    return;
+  }
+  loading_ = true;
+  empty_->setText("Opening " + QString::fromStdString(folder.filename().string()) + " …");
+  empty_->resize(scene_->widget()->size());
+  auto clock = std::make_shared<QElapsedTimer>();
+  clock->start();
+  auto content = std::make_shared<std::shared_ptr<const CaseContent>>();
+  jobs_.run_latest(
+      "open", [folder, content](JobContext&) { *content = load_case(folder); },
+      [this, content, clock] {
+        loading_ = false;
+        show_case(*content);
+        // Surfaces come in as they are ready; the case is open when all that show are drawn.
+        auto* watch = new QTimer(this);
+        watch->setInterval(10);
+        connect(watch, &QTimer::timeout, this, [this, watch, clock] {
+          if (!scene_->settled()) return;
+          open_s_ = static_cast<double>(clock->elapsed()) / 1000.0;
+          watch->deleteLater();
+        });
+        watch->start();
+        if (!waiting_.empty()) open(std::exchange(waiting_, {}));
+      });
+}
+
+void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
+  shown_.clear();
+  messages_->hide();
+  setWindowTitle(QString("%1 – Gnathion (research use)").arg(QString::fromStdString(content->title)));
+  document_.open(content);
+  put_patient_layers(document_);
+  if (document_.layers().layers().empty())
+    empty_->setText("There is nothing to show in this case yet.\nThe steps on the left say what is missing.");
+  else
+    empty_->clear();
+  start_section();
+  // The step where the work stands: the last one that has something.
+  const int step = content->mesh("splint") ? 4 : content->therapeutic ? 3 : content->chain ? 2 : content->motion ? 1 : 0;
+  if (steps_->currentIndex() == step) {
+    apply_layers(static_cast<Step>(step));
+    panel_of_[static_cast<std::size_t>(step)]->enter();
+  }
+  steps_->setCurrentIndex(step);
+  look("oblique");
+  std::size_t broken = 0;
+  QString first;
+  for (const Absence& a : content->absences)
+    if (a.broken && !broken++) first = QString::fromStdString(a.what + ": " + a.why);
+  if (broken)
+    messages_->show_error(QString("Opened with what is there. %1%2").arg(first, broken > 1 ? QString(" (and %1 more, see the steps)").arg(broken - 1) : ""));
+}
+
+void MainWindow::go_to_step(int step) {
+  if (step == step_ || step < 0) return;
+  if (step_ >= 0) {
+    std::map<std::string, bool> now;
+    for (const Layer& l : document_.layers().layers()) now[l.id] = l.visible;
+    shown_[static_cast<Step>(step_)] = std::move(now);
+    panel_of_[static_cast<std::size_t>(step_)]->leave();
+  }
+  step_ = step;
+  panels_->setCurrentIndex(step);
+  strips_->setCurrentIndex(step);
+  QWidget* strip = panel_of_[static_cast<std::size_t>(step)]->strip();
+  strips_->setVisible(strip != nullptr);
+  if (strip) centre_->setSizes({height() - strip->minimumHeight() - 120, strip->minimumHeight()});
+  if (!document_.is_open()) {
+    if (step == 0) panel_of_[0]->enter();
+    return;
+  }
+  apply_layers(static_cast<Step>(step));
+  panel_of_[static_cast<std::size_t>(step)]->enter();
+}
+
+/// Each step shows what it is about; what the user chose there comes back.
+void MainWindow::apply_layers(Step step) {
+  const std::set<std::string> first = panel_of_[static_cast<std::size_t>(step)]->first_layers();
+  const auto known = shown_.find(step);
+  std::vector<std::string> ids;
+  for (const Layer& l : document_.layers().layers()) ids.push_back(l.id);
+  for (const std::string& id : ids) {
+    bool on = first.count(id) > 0;
+    if (known != shown_.end() && known->second.count(id)) on = known->second.at(id);
+    document_.layers().set_visible(id, on);
+  }
+  const auto& t = document_.state().therapeutic;
+  const bool in_tp = step == Step::kTransformation || step == Step::kDesign || step == Step::kEvaluate;
+  for (const char* id : {"condyle_left", "condyle_right"})
+    document_.layers().set_pose(id, in_tp && t ? *t : Rigid3::identity());
+}
+
+void MainWindow::closeEvent(QCloseEvent* event) {
+  document_.save();
+  jobs_.cancel_all();
+  event->accept();
+}
+
+// --- the section ------------------------------------------------------------------------------------------
 
 void MainWindow::start_section() {
-  view_->on_plane_moved([this](const SectionPlane& plane) { cut(plane); });
   SectionPlane plane;
-  if (scene_.arch) {
-    const ArchRuler ruler(*scene_.arch);
+  const CaseContent& c = document_.content();
+  Vector3 up = Vector3::UnitZ();
+  if (c.arch) {
+    const ArchRuler ruler(*c.arch);
     const double s_mm = 0.75 * ruler.s_max_mm();  // among the left molars
-    plane = {ruler.at(s_mm), ruler.outward(s_mm), scene_.arch->up};
-  } else if (!scene_.layers.empty()) {
-    plane.origin_mm = bounding_box(scene_.layers.front().mesh).centre_mm();
+    up = c.arch->up;
+    plane = {ruler.at(s_mm), ruler.outward(s_mm), up};
+  } else if (!document_.layers().layers().empty()) {
+    plane.origin_mm = bounding_box(*document_.layers().layers().front().mesh).centre_mm();
   }
-  view_->set_plane(plane);
+  section_fitted_ = false;
+  scene_->set_plane(plane, up);
 }
 
-void MainWindow::cut(const SectionPlane& plane) {
-  std::vector<PlotCurve> curves;
-  for (const Layer& layer : scene_.layers)
-    if (layer.visible)
-      curves.push_back({layer.name, layer.color_2d, layer.width_2d_px, cut_mesh(layer.mesh, plane)});
-  profile_->set_curves(std::move(curves));
+/// Cuts what shows, in the background, the newest plane first.
+void MainWindow::cut() {
+  if (!plane_on_ || !document_.is_open()) return;
+  struct Cut {
+    PlotCurve look;
+    std::shared_ptr<const TriangleMesh> mesh;
+    Rigid3 mesh_from_dental;
+  };
+  auto cuts = std::make_shared<std::vector<Cut>>();
+  for (const Layer& l : document_.layers().layers())
+    if (l.visible && l.in_section && l.mesh)
+      cuts->push_back({{l.name, l.color_2d, l.width_2d_px, {}}, l.mesh, l.pose.inverse()});
+  jobs_.run_latest(
+      "section",
+      [cuts, plane = scene_->plane()](JobContext& context) {
+        for (Cut& c : *cuts) {
+          context.throw_if_cancelled();
+          c.look.lines = cut_mesh(*c.mesh, {c.mesh_from_dental * plane.origin_mm, c.mesh_from_dental.rotation * plane.x_axis,
+                                            c.mesh_from_dental.rotation * plane.y_axis});
+        }
+      },
+      [this, cuts] {
+        std::vector<PlotCurve> curves;
+        for (Cut& c : *cuts) curves.push_back(std::move(c.look));
+        section_->set_curves(std::move(curves));
+        if (!section_fitted_) section_->fit();
+        section_fitted_ = true;
+      });
 }
 
 }  // namespace gnathion

@@ -1,11 +1,10 @@
-// gnathion-viewer CASE
+// gnathion-viewer [CASE] [--socket PATH] [--step N]
 #include <QVTKOpenGLNativeWidget.h>
 #include <vtkAutoInit.h>
 #include <QApplication>
 #include <QSurfaceFormat>
-#include <QTimer>
 #include <cstdio>
-#include <cstring>
+#include <cstdlib>
 #include <string>
 
 #include "viewer/main_window.h"
@@ -17,34 +16,51 @@ VTK_MODULE_INIT(vtkInteractionStyle)
 namespace {
 
 constexpr const char* kHelp =
-    "gnathion-viewer CASE\n"
-    "Opens a case folder: jaws in MI and in TP, the splint, its gates, and a cross-section to drag.\n"
-    "Keys: 1 front, 2 left, 3 right, 4 occlusal, 5 oblique, C cross-section plane, Ctrl+S screenshot.\n"
-    "Research software; it makes no clinical claim.\n";
+    "gnathion-viewer [CASE] [--socket PATH]\n"
+    "The whole method in one window: Capture, Motion, Calibrate, Transformation, Design, Evaluate.\n"
+    "CASE           a case folder; files that are missing or broken are told in the window\n"
+    "--socket PATH  the daemon's socket (default: $GNATHION_SOCKET, or /run/gnathion/gnathiond.sock)\n"
+    "F1 in the window lists mouse and keys. Research software; it makes no clinical claim.\n";
+
+int wrong_usage(const std::string& why) {
+  std::fprintf(stderr, "gnathion-viewer: wrong usage: %s: try --help\n", why.c_str());
+  return 2;
+}
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  for (int i = 1; i < argc; ++i)
-    if (!std::strcmp(argv[i], "--help") || !std::strcmp(argv[i], "-h")) {
+  gnathion::WindowOptions options;
+  std::string folder;
+  if (const char* socket = std::getenv("GNATHION_SOCKET")) options.socket = socket;
+  for (int i = 1; i < argc; ++i) {
+    const std::string arg = argv[i];
+    if (arg == "--help" || arg == "-h") {
       std::fputs(kHelp, stdout);
       return 0;
     }
-  if (argc != 2 || argv[1][0] == '-') {
-    std::fputs("gnathion-viewer: wrong usage: needs one case folder: try --help\n", stderr);
-    return 2;
+    if (arg == "--socket") {
+      if (++i == argc) return wrong_usage("--socket needs a path");
+      options.socket = argv[i];
+    } else if (arg[0] == '-') {
+      return wrong_usage("unknown option " + arg);
+    } else if (folder.empty()) {
+      folder = arg;
+    } else {
+      return wrong_usage("one case folder only");
+    }
   }
-  auto scene = gnathion::open_case(argv[1]);
-  if (!scene) {
-    std::fprintf(stderr, "gnathion-viewer: %s\n", scene.error().line().c_str());
-    return gnathion::exit_code(scene.error().code);
-  }
+#ifdef GNATHION_HAS_CLIENT
+  options.connect = [](const std::string& socket) { return gnathion::client::DaemonClient::connect(socket); };
+#endif
+  QCoreApplication::setAttribute(Qt::AA_EnableHighDpiScaling);
+  QCoreApplication::setAttribute(Qt::AA_UseHighDpiPixmaps);
   QSurfaceFormat format = QVTKOpenGLNativeWidget::defaultFormat();
   format.setSamples(0);
   QSurfaceFormat::setDefaultFormat(format);
   QApplication app(argc, argv);
-  gnathion::MainWindow window(std::move(*scene));
+  gnathion::MainWindow window(std::move(options));
   window.show();
-  QTimer::singleShot(0, &window, [&window] { window.start(); });
+  if (!folder.empty()) window.open(folder);
   return app.exec();
 }

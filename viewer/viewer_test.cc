@@ -1,4 +1,4 @@
-// Drives the real window under Xvfb and looks at its screenshot.
+// Drives the real window under Xvfb with mouse and keys, through each step of a phantom case, and looks at it.
 #include <gtest/gtest.h>
 #include <unistd.h>
 #include <vtkAutoInit.h>
@@ -6,16 +6,33 @@
 #include <QVTKOpenGLNativeWidget.h>
 #include <QApplication>
 #include <QCheckBox>
+#include <QDoubleSpinBox>
+#include <QLabel>
+#include <QLineEdit>
+#include <QListWidget>
+#include <QPushButton>
+#include <QSlider>
 #include <QSurfaceFormat>
+#include <QTabBar>
+#include <QTabWidget>
+#include <QTableWidget>
 #include <QTest>
+#include <QToolBar>
+#include <QToolButton>
+#include <cmath>
 #include <filesystem>
+
 #include <nlohmann/json.hpp>
 
+#include "calibration/frames_graph_json.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "core/transform_io.h"
 #include "phantom/jaws.h"
+#include "tracking/motion_file.h"
 #include "viewer/main_window.h"
+#include "viewer/model/readout.h"
+#include "viewer/widgets/timeline.h"
 
 VTK_MODULE_INIT(vtkRenderingOpenGL2)
 VTK_MODULE_INIT(vtkRenderingFreeType)
@@ -25,9 +42,10 @@ namespace gnathion {
 namespace {
 
 namespace fs = std::filesystem;
+constexpr int kPatienceMs = 120000;  // other work may hold the processor; nothing waits longer than it must
 
-/// A finished case as `gnathion run` leaves it, with a plain bar as its splint: what is looked at here is the
-/// window, and a bar's place in a picture is known.
+/// A case as `gnathion run` leaves it, with a plain bar as its splint: what is looked at is the window, and a
+/// bar's place and colour in a picture are known.
 class ViewerTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -37,127 +55,380 @@ class ViewerTest : public ::testing::Test {
     const PhantomJaws jaws = make_phantom_jaws(77);
     ASSERT_TRUE(write_mesh(folder_ / "scans" / "maxilla.ply", jaws.maxilla));
     ASSERT_TRUE(write_mesh(folder_ / "scans" / "mandible.ply", jaws.mandible_mi));
-    ASSERT_TRUE(
-        write_file(folder_ / "case.toml",
-                   "[scans]\nmaxilla_mi = \"scans/maxilla.ply\"\nmandible_mi = \"scans/mandible.ply\"\n"));
-    const Motion<Dental> opening(Rigid3::about_axis({0, 88, 35}, {1, 0, 0}, 0.06));
-    ASSERT_TRUE(write_json(folder_ / "results" / "T_th.json", motion_json(opening, std::nullopt, {})));
+    ASSERT_TRUE(write_file(folder_ / "case.toml", kCase));
+    ASSERT_TRUE(write_json(folder_ / "results" / "T_th.json", motion_json(Motion<Dental>(opening(0.06)), std::nullopt, {})));
     ASSERT_TRUE(write_mesh(folder_ / "results" / "splint.stl", bar()));
-    ASSERT_TRUE(
-        write_file(folder_ / "results" / "design.json",
-                   R"({"verdict":"pass","gates":[{"name":"open_edges","value":0,"limit":0,"pass":true}]})"));
+    ASSERT_TRUE(write_file(folder_ / "results" / "design.json",
+                           R"({"verdict":"fail","gates":[{"name":"open_edges","value":0,"limit":0,"pass":true},
+        {"name":"wall_min_mm","value":0.3,"limit":0.5,"pass":false,"blocks":true}],
+        "thickness_mm":{"min":0.3,"where_mm":[20,8,-2]},"mesh":{"volume_mm3":1500.0},"apertures":[]})"));
+    ASSERT_TRUE(write_motion_csv(folder_ / "results" / "motion.csv", motion()));
+    FramesGraph graph({{0, 0, 0}, {25, 40, 0}, {-25, 40, 0}});
+    for (const char* to : {"dental", "camera"}) {
+      FrameEdge e;
+      e.to = to;
+      e.from = "bow";
+      e.covariance = Matrix6::Identity() * 1e-6;
+      ASSERT_TRUE(graph.add(e));
+    }
+    ASSERT_TRUE(write_json(folder_ / "results" / "frames.json", frames_json(graph)));
   }
   static void TearDownTestSuite() { fs::remove_all(folder_); }
+  void SetUp() override { fs::remove(folder_ / "viewer.json"); }
 
-  static TriangleMesh bar() {
-    TriangleMesh m;
-    for (int i = 0; i < 8; ++i) m.vertices_mm.emplace_back(i & 1 ? 30 : -30, i & 2 ? 12 : 4, i & 4 ? -1 : -4);
-    m.triangles = {{0, 1, 2}, {1, 3, 2}, {4, 6, 5}, {5, 6, 7}, {0, 4, 1}, {1, 4, 5},
-                   {2, 3, 6}, {3, 7, 6}, {0, 2, 4}, {2, 6, 4}, {1, 5, 3}, {3, 5, 7}};
+  static constexpr const char* kCase =
+      "[scans]\nmaxilla_mi = \"scans/maxilla.ply\"\nmandible_mi = \"scans/mandible.ply\"\n";
+  static Rigid3 opening(double rad) { return Rigid3::about_axis({0, 88, 35}, {1, 0, 0}, rad); }
+  /// Rest, opening to 0.3 rad at 2 s, back, and a rest at 0.06 rad from 5 to 6 s; a gap from 3.4 to 3.6 s.
+  static JawMotion motion() {
+    JawMotion m;
+    for (int i = 0; i <= 420; ++i) {
+      JawMotionRow row;
+      row.time_s = i / 60.0;
+      const double t = row.time_s;
+      const double angle = t < 1 ? 0 : t < 3 ? 0.15 * (1 - std::cos((t - 1) * M_PI)) : t < 4.5 ? 0 : t < 5 ? 0.12 * (t - 4.5) : 0.06;
+      row.valid = t < 3.4 || t > 3.6;
+      row.reason = row.valid ? "" : "bow: no tag seen";
+      row.motion = opening(angle);
+      row.sigma_mm = 0.01;
+      m.rows.push_back(row);
+    }
     return m;
   }
-  static QImage picture(MainWindow& window) {
-    QTest::qWait(200);
-    return window.view().widget()->grab().toImage();
-  }
-  /// Pixels that are bluer than they are red: the splint and the section's plane.
-  static int blue_pixels(const QImage& image) {
-    int n = 0;
-    for (int y = 0; y < image.height(); ++y)
-      for (int x = 0; x < image.width(); ++x) {
-        const QColor c(image.pixel(x, y));
-        n += c.blue() > c.red() + 25;
-      }
-    return n;
-  }
-  static int ivory_pixels(const QImage& image) {
-    int n = 0;
-    for (int y = 0; y < image.height(); ++y)
-      for (int x = 0; x < image.width(); ++x) {
-        const QColor c(image.pixel(x, y));
-        n += c.red() > c.blue() + 12;
-      }
-    return n;
-  }
-  static std::size_t points_of(const ProfilePlot& plot, const char* name) {
-    std::size_t n = 0;
-    for (const PlotCurve& c : plot.curves())
-      if (c.name == name)
-        for (const Polyline2& line : c.lines) n += line.size();
-    return n;
+  static TriangleMesh bar() {
+    TriangleMesh m;
+    for (int i = 0; i < 8; ++i) m.vertices_mm.emplace_back(i & 1 ? 30 : -30, i & 2 ? 12 : -6, i & 4 ? -1 : -4);
+    m.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                   {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+    return m;
   }
 
   static fs::path folder_;
 };
 fs::path ViewerTest::folder_;
 
-TEST_F(ViewerTest, ShowsLayersAndCutsWhereThePlaneIsDragged) {
-  auto scene = open_case(folder_);
-  ASSERT_TRUE(scene) << scene.error().line();
-  EXPECT_TRUE(scene->missing.empty());
-  ASSERT_EQ(scene->layers.size(), 4u);
-  MainWindow window(std::move(*scene));
-  window.show();
-  ASSERT_TRUE(QTest::qWaitForWindowExposed(&window));
-  window.start();
-
-  const QImage full = picture(window);
-  EXPECT_GT(ivory_pixels(full), 20000) << "the jaws are not to be seen";
-  EXPECT_GT(blue_pixels(full), 2000) << "the splint is not to be seen";
-
-  // Layers: each box takes its surface out of the picture and out of the profile.
-  ASSERT_GT(points_of(window.profile(), "Maxilla"), 20u);
-  window.view().show_plane(false);
-  const int with_splint = blue_pixels(picture(window));
-  QTest::mouseClick(window.layer_box(3), Qt::LeftButton, {}, QPoint(8, window.layer_box(3)->height() / 2));
-  EXPECT_FALSE(window.layer_box(3)->isChecked());
-  EXPECT_LT(blue_pixels(picture(window)), with_splint / 10);
-  QTest::mouseClick(window.layer_box(0), Qt::LeftButton, {}, QPoint(8, window.layer_box(0)->height() / 2));
-  EXPECT_EQ(points_of(window.profile(), "Maxilla"), 0u);
-  QTest::mouseClick(window.layer_box(0), Qt::LeftButton, {}, QPoint(8, window.layer_box(0)->height() / 2));
-
-  // Drag the plane with the mouse: seen from the side its origin is at a known place.
-  window.view().show_plane(true);
-  const Vector3 before = window.view().plane().origin_mm;
-  QWidget* view = window.view().widget();
-  const QImage still = picture(window);
-  // The plane is the only strongly blue thing now; grab its middle.
-  double sx = 0, sy = 0, n = 0;
-  for (int y = 0; y < still.height(); ++y)
-    for (int x = 0; x < still.width(); ++x) {
-      const QColor c(still.pixel(x, y));
-      if (c.blue() > c.red() + 25) sx += x, sy += y, n += 1;
-    }
-  ASSERT_GT(n, 300) << "the section's plane is not to be seen";
-  const QPoint grip(static_cast<int>(sx / n) + 14, static_cast<int>(sy / n) + 14);
-  QTest::mouseMove(view, grip);
-  QTest::mousePress(view, Qt::LeftButton, {}, grip);
-  for (int i = 1; i <= 10; ++i) {
-    QMouseEvent move(QEvent::MouseMove, grip + QPoint(4 * i, 0), Qt::NoButton, Qt::LeftButton, {});
-    QApplication::sendEvent(view, &move);
+/// The window with a case in it, and hands to use it with.
+class Hands {
+ public:
+  explicit Hands(const fs::path& folder) : window(WindowOptions{}) {
+    window.show();
+    EXPECT_TRUE(QTest::qWaitForWindowExposed(&window));
+    if (folder.empty()) return;
+    window.open(folder);
+    EXPECT_TRUE(wait([&] { return !window.loading() && window.open_s() > 0; }));
   }
-  QTest::mouseRelease(view, Qt::LeftButton, {}, grip + QPoint(40, 0));
-  const SectionPlane& after = window.view().plane();
-  EXPECT_GT((after.origin_mm - before).norm(), 0.2) << "dragging the plane did not move it";
+  template <class Condition>
+  static bool wait(Condition condition) {
+    return QTest::qWaitFor(condition, kPatienceMs);
+  }
+  template <class T>
+  T* find(const char* name) {
+    T* found = window.findChild<T*>(name);
+    EXPECT_NE(found, nullptr) << name;
+    return found;
+  }
+  void click(QWidget* w) { QTest::mouseClick(w, Qt::LeftButton, {}, w->rect().center()); }
+  void click(const char* name) { click(find<QWidget>(name)); }
+  void step(int i) {
+    auto* tabs = find<QTabBar>("steps");
+    QTest::mouseClick(tabs, Qt::LeftButton, {}, tabs->tabRect(i).center());
+    ASSERT_EQ(tabs->currentIndex(), i);
+    settle();
+  }
+  void tool(const char* action) {
+    auto* bar = find<QToolBar>("toolBar");
+    QWidget* b = bar->widgetForAction(window.findChild<QAction*>(action));
+    ASSERT_NE(b, nullptr) << action;
+    b->isVisible() ? click(b) : window.findChild<QAction*>(action)->trigger();
+    settle();
+  }
+  void settle() {
+    EXPECT_TRUE(wait([&] { return window.scene().settled(); }));
+  }
+  QImage picture() {
+    settle();
+    return window.scene().picture().convertToFormat(QImage::Format_RGB32);
+  }
+  QImage whole() {
+    settle();
+    return window.grab().toImage();
+  }
+  void drag(QWidget* on, const QPoint& from, const QPoint& to, Qt::KeyboardModifiers keys = {}) {
+    const auto move = [&](const QPoint& p, Qt::MouseButtons held) {
+      QMouseEvent event(QEvent::MouseMove, p, on->mapToGlobal(p), Qt::NoButton, held, keys);
+      QApplication::sendEvent(on, &event);
+    };
+    move(from, Qt::NoButton);
+    QTest::mousePress(on, Qt::LeftButton, keys, from);
+    for (int i = 1; i <= 12; ++i) move(from + (to - from) * i / 12, Qt::LeftButton);
+    QTest::mouseRelease(on, Qt::LeftButton, keys, to);
+  }
+  void type(QWidget* into, const char* text) {
+    into->setFocus();
+    QTest::keyClick(into, Qt::Key_A, Qt::ControlModifier);
+    QTest::keyClicks(into, text);
+    QTest::keyClick(into, Qt::Key_Return);
+  }
+  MainWindow window;
+};
+
+/// Where two pictures differ: how many pixels, and the mean colour that `a` has there.
+struct Difference {
+  int pixels = 0;
+  double red = 0, green = 0, blue = 0;
+};
+Difference difference(const QImage& a, const QImage& b) {
+  Difference d;
+  for (int y = 0; y < a.height(); ++y)
+    for (int x = 0; x < a.width(); ++x) {
+      const QColor p(a.pixel(x, y)), q(b.pixel(x, y));
+      if (std::abs(p.red() - q.red()) + std::abs(p.green() - q.green()) + std::abs(p.blue() - q.blue()) < 24)
+        continue;
+      ++d.pixels;
+      d.red += p.red(), d.green += p.green(), d.blue += p.blue();
+    }
+  if (d.pixels) d.red /= d.pixels, d.green /= d.pixels, d.blue /= d.pixels;
+  return d;
 }
 
-TEST_F(ViewerTest, OpensWhatIsThereAndSaysWhatIsNot) {
+std::size_t points_of(const ProfilePlot& plot, const std::string& name) {
+  std::size_t n = 0;
+  for (const PlotCurve& c : plot.curves())
+    if (c.name == name)
+      for (const Polyline2& line : c.lines) n += line.size();
+  return n;
+}
+
+TEST_F(ViewerTest, EachLayerShowsInItsColourAndTheEyeHidesIt) {
+  Hands h(folder_);
+  EXPECT_EQ(h.find<QTabBar>("steps")->currentIndex(), 4) << "a case with a splint opens at Design";
+  const QImage all = h.picture();
+  const auto without = [&](const char* eye) {
+    h.click(eye);
+    const QImage image = h.picture();
+    h.click(eye);
+    return difference(all, image);
+  };
+  const Difference splint = without("eye_splint");
+  EXPECT_GT(splint.pixels, 1500) << "the splint is not to be seen";
+  EXPECT_GT(splint.blue, splint.red + 20) << "the splint is not blue";
+  const Difference maxilla = without("eye_maxilla");
+  EXPECT_GT(maxilla.pixels, 8000) << "the maxilla is not to be seen";
+  EXPECT_GT(maxilla.red, maxilla.blue + 12) << "the maxilla is not ivory";
+  const Difference mandible = without("eye_mandible_tp");
+  EXPECT_GT(mandible.pixels, 4000) << "the mandible is not to be seen";
+  EXPECT_GT(mandible.red, mandible.blue + 12) << "the mandible is not ivory";
+  EXPECT_LT(difference(all, h.picture()).pixels, 200) << "the same layers give another picture";
+  auto* opacity = h.find<QSlider>("opacity_maxilla");
+  opacity->setFocus();
+  for (int i = 0; i < 8; ++i) QTest::keyClick(opacity, Qt::Key_PageDown);
+  EXPECT_LT(opacity->value(), 60);
+  EXPECT_GT(difference(all, h.picture()).pixels, 8000) << "opacity changes nothing";
+}
+
+TEST_F(ViewerTest, StepsSayWhatIsDoneAndWhatIsMissing) {
+  Hands h(folder_);
+  const std::pair<const char*, const char*> expected[] = {{"captureStatusText", "Recording"},
+                                                          {"motionStatusText", "frames tracked"},
+                                                          {"calibrateStatusText", "Chain of calibration"},
+                                                          {"transformStatusText", "T_th is set"},
+                                                          {"designStatusText", "1.50 cm³"},
+                                                          {"evaluateStatusText", "evaluation.toml"}};
+  for (int i = 0; i < 6; ++i) {
+    h.step(i);
+    auto* text = h.find<QLabel>(expected[i].first);
+    EXPECT_TRUE(text->text().contains(expected[i].second)) << i << ": " << text->text().toStdString();
+    EXPECT_TRUE(text->isVisible());
+  }
+  h.step(0);
+  EXPECT_TRUE(h.find<QLabel>("captureEmpty")->text().contains("gnathiond"));
+  EXPECT_FALSE(h.find<QPushButton>("recordButton")->isEnabled());
+}
+
+TEST_F(ViewerTest, TransformationBySlidersTypingAndHandIsUndone) {
+  Hands h(folder_);
+  h.step(3);
+  const Rigid3 measured = *h.window.document().state().therapeutic;
+  auto* table = h.find<QTableWidget>("constraintTable");
+  EXPECT_TRUE(h.wait([&] { return table->rowCount() >= 10; })) << "no constraints";
+  const QString before = h.find<QLabel>("clinicalReadout")->text();
+  const QImage at_rest = h.picture();
+
+  auto* down = h.find<QDoubleSpinBox>("value_down");
+  h.type(down, "9");
+  EXPECT_NEAR(six_of(*h.window.document().state().therapeutic, *h.window.document().content().arch).down_mm, 9.0, 1e-6);
+  EXPECT_NE(h.find<QLabel>("clinicalReadout")->text(), before);
+  EXPECT_GT(difference(at_rest, h.picture()).pixels, 2000) << "the mandible did not move in the picture";
+
+  auto* slider = h.find<QSlider>("slider_left");
+  slider->setFocus();
+  for (int i = 0; i < 40; ++i) QTest::keyClick(slider, Qt::Key_Right);
+  EXPECT_NEAR(six_of(*h.window.document().state().therapeutic, *h.window.document().content().arch).left_mm, 2.0, 0.06);
+
+  auto* typed = h.find<QLineEdit>("typedTransform");
+  h.type(typed, "1 0 0 0  0 1 0 0  0 0 1 20  0 0 0 1");  // the lower jaw through the upper one
+  EXPECT_NEAR(h.window.document().state().therapeutic->translation_mm.z(), 20.0, 1e-9);
+  auto* verdict = h.find<QLabel>("feasibilityVerdict");
+  EXPECT_TRUE(h.wait([&] { return verdict->text().startsWith("No"); })) << verdict->text().toStdString();
+  h.type(typed, "1 2 3");
+  EXPECT_FALSE(h.find<QLabel>("transformError")->text().isEmpty());
+  EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
+
+  while (h.window.document().undo_stack().canUndo()) QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier);
+  EXPECT_LT((h.window.document().state().therapeutic->matrix() - measured.matrix()).norm(), 1e-12);
+
+  // The arrow that points down and up: dragged upwards on the screen from the front.
+  h.tool("view_front");
+  const ArchFrame& arch = *h.window.document().content().arch;
+  const Vector3 handle = measured * (arch.origin_mm - 14.0 * arch.up) + 12.0 * (measured.rotation * arch.up);
+  const auto px = h.window.scene().project(handle);
+  ASSERT_TRUE(px);
+  QWidget* scene = h.window.scene().widget();
+  h.drag(scene, px->toPoint(), px->toPoint() - QPoint(0, 25));
+  const Rigid3 moved = *h.window.document().state().therapeutic;
+  const Vector3 by = (moved * measured.inverse()).translation_mm;
+  EXPECT_GT((measured.rotation * arch.up).dot(by), 0.5) << "dragging the arrow did not move the mandible";
+  EXPECT_LT((moved.rotation - measured.rotation).norm(), 1e-9) << "an arrow does not turn";
+}
+
+TEST_F(ViewerTest, MotionIsScrubbedAndPicked) {
+  Hands h(folder_);
+  h.step(1);
+  auto* timeline = h.find<Timeline>("timeline");
+  const int y = timeline->height() / 2;
+  const QImage closed = h.picture();
+  QTest::mouseClick(timeline, Qt::LeftButton, {}, QPoint(static_cast<int>(timeline->x_of(2.0)), y));
+  EXPECT_NEAR(timeline->time_s(), 2.0, 0.05);
+  EXPECT_GT(difference(closed, h.picture()).pixels, 3000) << "the jaw does not open in the picture";
+  QTest::mouseClick(timeline, Qt::LeftButton, {}, QPoint(static_cast<int>(timeline->x_of(3.5)), y));
+  EXPECT_TRUE(h.find<QLabel>("motionTime")->text().contains("no tag seen"));
+  h.click("playButton");
+  const double from = timeline->time_s();
+  EXPECT_TRUE(h.wait([&] { return timeline->time_s() > from + 0.2; })) << "it does not play";
+  h.click("playButton");
+  h.drag(timeline, QPoint(static_cast<int>(timeline->x_of(5.2)), y), QPoint(static_cast<int>(timeline->x_of(5.8)), y),
+         Qt::ShiftModifier);
+  h.click("pickTp");
+  const Rigid3 picked = *h.window.document().state().therapeutic;
+  EXPECT_LT((picked.matrix() - opening(0.06).matrix()).norm(), 1e-4) << "T_th is not the picked rest";
+  EXPECT_FALSE(h.find<ProfilePlot>("posselt")->curves().empty());
+  h.click("contactsBox");
+  EXPECT_TRUE(h.wait([&] { return h.window.document().layers().find("mandible_live")->colors != nullptr; }));
+}
+
+TEST_F(ViewerTest, SectionFollowsThePlaneAndIsMeasured) {
+  Hands h(folder_);
+  auto* section = h.find<ProfilePlot>("section");
+  QTest::keyClick(&h.window, Qt::Key_C);
+  ASSERT_TRUE(h.wait([&] { return points_of(*section, "Maxilla") > 20; }));
+  h.click("eye_maxilla");
+  EXPECT_TRUE(h.wait([&] { return points_of(*section, "Maxilla") == 0; }));
+  h.click("eye_maxilla");
+  ASSERT_TRUE(h.wait([&] { return points_of(*section, "Maxilla") > 20; }));
+  for (const PlotCurve& c : section->curves())
+    if (c.name == "Maxilla") EXPECT_EQ(c.color, palette::kMaxilla);
+
+  const Vector3 before = h.window.scene().plane().origin_mm;
+  const auto px = h.window.scene().project(before + 4.0 * h.window.scene().plane().x_axis + 5.0 * h.window.scene().plane().y_axis);
+  ASSERT_TRUE(px);
+  h.settle();
+  h.drag(h.window.scene().widget(), px->toPoint(), px->toPoint() + QPoint(45, 0));
+  EXPECT_GT((h.window.scene().plane().origin_mm - before).norm(), 0.2) << "dragging the plane did not move it";
+
+  QTest::keyClick(&h.window, Qt::Key_D);
+  QTest::mouseClick(section, Qt::LeftButton, {}, QPoint(60, 60));
+  QTest::mouseClick(section, Qt::LeftButton, {}, QPoint(140, 100));
+  EXPECT_TRUE(section->measured().contains("mm"));
+  QTest::mouseClick(section, Qt::LeftButton, {}, QPoint(60, 140));
+  EXPECT_TRUE(section->measured().contains("°"));
+  QTest::keyClick(&h.window, Qt::Key_Escape);
+  EXPECT_TRUE(section->measured().isEmpty());
+}
+
+TEST_F(ViewerTest, StrokesAreDrawnOnTheSplintAndUndone) {
+  Hands h(folder_);
+  h.tool("view_upper_occlusal");
+  h.click("eye_mandible_tp");
+  h.settle();
+  auto* tabs = h.find<QTabWidget>("designTabs");
+  QTest::mouseClick(tabs->tabBar(), Qt::LeftButton, {}, tabs->tabBar()->tabRect(2).center());
+  h.click("edit_Add");
+  const auto a = h.window.scene().project({-12, 3, -4}), b = h.window.scene().project({12, 3, -4});
+  ASSERT_TRUE(a && b);
+  h.drag(h.window.scene().widget(), a->toPoint(), b->toPoint());
+  const auto& strokes = h.window.document().state().edits.strokes;
+  ASSERT_EQ(strokes.size(), 1u);
+  EXPECT_GE(strokes[0].path_mm.size(), 5u);
+  for (const Vector3& p : strokes[0].path_mm) EXPECT_NEAR(p.z(), -4.0, 0.05) << "not on the surface";
+  EXPECT_TRUE(h.find<QListWidget>("editList")->item(0)->text().startsWith("Add"));
+  QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier);
+  EXPECT_TRUE(h.window.document().state().edits.empty());
+  QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier | Qt::ShiftModifier);
+  EXPECT_EQ(h.window.document().state().edits.strokes.size(), 1u);
+}
+
+TEST_F(ViewerTest, BuildsInTheBackgroundOrIsCancelled) {
+  Hands h(folder_);
+  auto* gates = h.find<QTableWidget>("gateTable");
+  ASSERT_EQ(gates->rowCount(), 2);
+  EXPECT_TRUE(gates->item(0, 1)->text().startsWith("Wall min")) << "what failed stands first";
+  const QImage before = h.picture();
+  QTest::mouseClick(gates->viewport(), Qt::LeftButton, {}, gates->visualItemRect(gates->item(0, 1)).center());
+  EXPECT_GT(difference(before, h.picture()).pixels, 5000) << "a gate's click goes nowhere";
+
+  h.click("buildSplint");
+  EXPECT_TRUE(h.window.jobs().busy());
+  h.click("cancelBuild");
+  EXPECT_TRUE(h.wait([&] { return !h.window.jobs().busy(); }));
+  EXPECT_TRUE(!fs::exists(folder_ / "designs") || fs::is_empty(folder_ / "designs")) << "something was left";
+
+  auto* tabs = h.find<QTabWidget>("designTabs");
+  QTest::mouseClick(tabs->tabBar(), Qt::LeftButton, {}, tabs->tabBar()->tabRect(1).center());
+  h.type(h.find<QDoubleSpinBox>("parameter_voxel_mm"), "0.4");
+  EXPECT_NEAR(h.window.document().state().parameters.voxel_mm, 0.4, 1e-9);
+  h.click("buildSplint");
+  EXPECT_TRUE(h.wait([&] { return !h.window.jobs().busy(); }));
+  EXPECT_TRUE(fs::exists(folder_ / "designs" / "design_001" / "design.json"));
+  EXPECT_TRUE(h.wait([&] { return gates->rowCount() > 5; })) << "the gates of the build do not show";
+  fs::remove_all(folder_ / "designs");
+}
+
+TEST_F(ViewerTest, OpensWhatIsThereSaysWhatIsNotAndForgetsNothing) {
   const fs::path partial = folder_ / "partial";
   fs::create_directories(partial / "scans");
   fs::copy(folder_ / "scans" / "maxilla.ply", partial / "scans" / "maxilla.ply");
   ASSERT_TRUE(write_file(partial / "scans" / "mandible.ply", "ply\nformat ascii 1.0\nend_header\n"));
-  ASSERT_TRUE(
-      write_file(partial / "case.toml",
-                 "[scans]\nmaxilla_mi = \"scans/maxilla.ply\"\nmandible_mi = \"scans/mandible.ply\"\n"));
-  auto scene = open_case(partial);
-  ASSERT_TRUE(scene);
-  EXPECT_EQ(scene->layers.size(), 1u);
-  EXPECT_GE(scene->missing.size(), 3u);
-  MainWindow window(std::move(*scene));
-  window.show();
-  ASSERT_TRUE(QTest::qWaitForWindowExposed(&window));
-  EXPECT_GT(ivory_pixels(picture(window)), 5000);
-  EXPECT_FALSE(open_case(folder_ / "absent"));
+  ASSERT_TRUE(write_file(partial / "case.toml", kCase));
+  {
+    Hands h(partial);
+    auto* message = h.find<QLabel>("messageText");
+    EXPECT_TRUE(message->isVisible());
+    EXPECT_TRUE(message->text().contains("mandible.ply")) << message->text().toStdString();
+    h.click("eye_maxilla");
+    const QImage one = h.picture();
+    h.click("eye_maxilla");
+    EXPECT_GT(difference(one, h.picture()).pixels, 5000) << "the upper jaw is not to be seen";
+    for (int i = 0; i < 6; ++i) h.step(i);
+    EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
+  }
+  {
+    Hands h(folder_ / "absent");
+    EXPECT_TRUE(h.find<QLabel>("messageText")->text().contains("is not a folder"));
+  }
+  Rigid3 left;
+  {
+    Hands h(folder_);
+    h.step(3);
+    h.type(h.find<QDoubleSpinBox>("value_forward"), "1.5");
+    left = *h.window.document().state().therapeutic;
+    h.window.close();
+  }
+  Hands again(folder_);
+  EXPECT_LT((again.window.document().state().therapeutic->matrix() - left.matrix()).norm(), 1e-9);
+  ASSERT_TRUE(write_file(folder_ / "viewer.json", "{\"kind\":"));
+  Hands broken(folder_);
+  EXPECT_TRUE(broken.find<QLabel>("messageText")->isVisible());
+  EXPECT_TRUE(broken.window.document().state().therapeutic.has_value());
 }
 
 }  // namespace

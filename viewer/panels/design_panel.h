@@ -1,0 +1,67 @@
+// Design: parameters with a preview, the full build, gates, maps of the splint, edits by hand, comparison.
+#pragma once
+
+#include <QTimer>
+#include <map>
+#include <memory>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "design/preview.h"
+#include "viewer/model/splint_maps.h"
+#include "viewer/panels/compare_tools.h"
+#include "viewer/panels/edit_tools.h"
+#include "viewer/panels/panel.h"
+#include "viewer/widgets/parts.h"
+
+class QCheckBox;
+class QComboBox;
+class QDoubleSpinBox;
+class QTabWidget;
+
+namespace gnathion {
+
+class DesignPanel : public Panel {
+ public:
+  explicit DesignPanel(Workbench& bench);
+  void enter() override;
+  void leave() override;
+  std::set<std::string> first_layers() const override { return {"maxilla", "mandible_tp", "splint"}; }
+
+ private:
+  QWidget* make_parameters();
+  QWidget* make_gates();
+  void opened();
+  void show_state();
+  void show_parameters();
+  void show_gates();
+  void build();
+  void built(const std::filesystem::path& folder, bool cancelled, const std::string& trouble);
+  void preview();
+  void make_maps();
+  void put_maps(const SplintMaps& maps, const std::vector<float>& undercut, const std::vector<ToothLabel>& teeth);
+  void show_marks();
+  void click_gate(int row);
+  Vector3 place_of(const std::string& gate) const;
+  void show_scale();
+
+  StepStatus* status_;
+  QTabWidget* tabs_;
+  std::map<std::string, QDoubleSpinBox*> boxes_;
+  QComboBox* arch_;
+  QCheckBox *preview_, *numbers_, *margin_, *apertures_;
+  QPushButton *build_, *cancel_;
+  QTableWidget* gates_;
+  QLabel *verdict_, *preview_note_;
+  EditTools* edits_;
+  CompareTools* compare_;
+  QTimer preview_timer_;
+  std::vector<std::string> gate_names_;
+  std::shared_ptr<const nlohmann::json> report_;
+  std::shared_ptr<const SplintMaps> maps_;
+  std::vector<ToothLabel> teeth_;
+  std::shared_ptr<SplintPreviewer> previewer_ = std::make_shared<SplintPreviewer>();
+  bool showing_ = false;
+};
+
+}  // namespace gnathion

@@ -1,0 +1,85 @@
+// The inside of Scene3d, shared by its two source files: drawing (scene_view.cc) and the mouse
+// (scene_interaction.cc).
+#pragma once
+
+#include <vtkCallbackCommand.h>
+#include <vtkGenericOpenGLRenderWindow.h>
+#include <vtkImplicitPlaneRepresentation.h>
+#include <vtkImplicitPlaneWidget2.h>
+#include <vtkInteractorStyleTrackballCamera.h>
+#include <vtkNew.h>
+#include <vtkPolyDataMapper.h>
+#include <vtkRenderer.h>
+
+#include <QTimer>
+#include <map>
+
+#include "viewer/scene/manipulator.h"
+#include "viewer/scene/overlay_actors.h"
+#include "viewer/scene/prepared_surface.h"
+#include "viewer/scene/scene_overlay_widget.h"
+#include "viewer/scene/scene_view.h"
+
+class QVTKOpenGLNativeWidget;
+class vtkActor;
+
+namespace gnathion {
+
+/// All layers together stay at 20 frames a second with software rendering (docs/viewer.md has the figures).
+inline constexpr std::size_t kCoarseTriangles = 22000;  ///< of one layer
+inline constexpr int kRestMs = 220;                     ///< after the last movement: full detail
+
+struct Scene3d::Impl {
+  Impl(Scene3d& view, LayerModel& l, JobRunner& j, const char* n) : self(view), layers(l), jobs(j), name(n) {}
+
+  /// One layer as VTK has it.
+  struct Drawn {
+    std::shared_ptr<const TriangleMesh> wanted;
+    std::shared_ptr<PreparedSurface> surface;
+    bool preparing = false;
+    vtkSmartPointer<vtkActor> actor;
+    vtkSmartPointer<vtkPolyDataMapper> full, coarse;
+  };
+
+  void take(const std::string& id, LayerChange change);
+  void prepare(const std::string& id);
+  void build_actor(const std::string& id);
+  void apply_look(const std::string& id);
+  void set_moving(bool on);
+  void start_interaction();
+  void stop_interaction();
+  void start_plane();
+  void take_plane();
+  bool mouse(SceneMouse::Kind kind, const QPointF& px, bool left_down, bool plain);
+  Manipulator::Ray ray(const QPointF& px) const;
+  Manipulator::Project projector() const;
+  void show_handle();
+
+  Scene3d& self;
+  LayerModel& layers;
+  JobRunner& jobs;
+  std::string name;
+  QVTKOpenGLNativeWidget* widget = nullptr;
+  SceneOverlayWidget* overlay_widget = nullptr;
+  vtkNew<vtkGenericOpenGLRenderWindow> window;
+  vtkNew<vtkRenderer> renderer, front;
+  vtkNew<vtkInteractorStyleTrackballCamera> style;
+  vtkNew<vtkImplicitPlaneRepresentation> representation;
+  vtkNew<vtkImplicitPlaneWidget2> plane_widget;
+  vtkNew<vtkCallbackCommand> plane_callback, motion_callback;
+  std::map<std::string, Drawn> drawn;
+  std::map<std::string, std::pair<bool, std::vector<vtkSmartPointer<vtkProp>>>> overlays;
+  std::unique_ptr<QObject> filter;
+  Scene3d* linked = nullptr;
+  QTimer rest;
+  bool moving = false, scheduled = false, placed = false, full_allowed = true, interacting = false;
+  SectionPlane plane;
+  Vector3 plane_up = Vector3::UnitZ();
+  std::optional<Rigid3> handle_pose;
+  Manipulator handle;
+  bool tool_held = false;
+  std::function<bool(const SceneMouse&)> tool;
+  std::optional<PickedPoint> last_hover;
+};
+
+}  // namespace gnathion

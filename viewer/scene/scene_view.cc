@@ -1,0 +1,315 @@
+#include "viewer/scene/scene_view.h"
+
+#include <QVTKOpenGLNativeWidget.h>
+#include <vtkActor.h>
+#include <vtkCallbackCommand.h>
+#include <vtkCamera.h>
+#include <vtkGenericOpenGLRenderWindow.h>
+#include <vtkLight.h>
+#include <vtkMatrix4x4.h>
+#include <vtkPolyDataMapper.h>
+#include <vtkProperty.h>
+#include <vtkRenderer.h>
+
+#include <QTimer>
+
+#include "viewer/scene/scene_impl.h"
+
+namespace gnathion {
+namespace {
+
+void add_lights(vtkRenderer& renderer) {
+  renderer.RemoveAllLights();
+  for (const auto& [x, y, intensity] : {std::tuple{-0.8, 1.0, 0.9}, std::tuple{1.0, -0.2, 0.4}}) {
+    vtkNew<vtkLight> light;
+    light->SetLightTypeToCameraLight();
+    light->SetPosition(x, y, 1.0);
+    light->SetIntensity(intensity);
+    renderer.AddLight(light);
+  }
+}
+
+vtkSmartPointer<vtkPolyDataMapper> mapper_of(vtkPolyData* data, bool colored) {
+  auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
+  mapper->SetInputData(data);
+  mapper->SetScalarVisibility(colored);
+  return mapper;
+}
+
+}  // namespace
+
+Scene3d::Scene3d(LayerModel& layers, JobRunner& jobs, QWidget* parent, const char* name)
+    : impl_(std::make_unique<Impl>(*this, layers, jobs, name)) {
+  Impl& s = *impl_;
+  s.widget = new QVTKOpenGLNativeWidget(parent);
+  s.widget->setObjectName(name);
+  s.widget->setMinimumSize(240, 200);
+  s.widget->setMouseTracking(true);
+  s.window->SetMultiSamples(0);
+  s.widget->setRenderWindow(s.window);
+  s.window->SetNumberOfLayers(2);
+  s.window->AddRenderer(s.renderer);
+  s.window->AddRenderer(s.front);
+  s.renderer->SetBackground(0.965, 0.972, 0.98);
+  s.renderer->SetBackground2(0.87, 0.895, 0.925);
+  s.renderer->GradientBackgroundOn();
+  s.renderer->SetMaximumNumberOfPeels(4);
+  s.front->SetLayer(1);
+  s.front->InteractiveOff();
+  s.front->SetActiveCamera(s.renderer->GetActiveCamera());
+  s.renderer->GetActiveCamera()->SetViewAngle(22);
+  add_lights(*s.renderer);
+  add_lights(*s.front);
+  s.start_interaction();
+  s.start_plane();
+  s.overlay_widget = new SceneOverlayWidget(s.widget);
+  layers.changed.add([this](const std::string& id, LayerChange change) { impl_->take(id, change); });
+  for (const Layer& l : layers.layers()) s.take(l.id, LayerChange::kAdded);
+}
+
+Scene3d::~Scene3d() {
+  impl_->stop_interaction();
+}
+
+QWidget* Scene3d::widget() const {
+  return impl_->widget;
+}
+
+// --- layers -----------------------------------------------------------------------------------------------
+
+void Scene3d::Impl::take(const std::string& id, LayerChange change) {
+  const Layer* layer = layers.find(id);
+  if (!layer) {
+    const auto at = drawn.find(id);
+    if (at == drawn.end()) return;
+    renderer->RemoveActor(at->second.actor);
+    drawn.erase(at);
+    return self.render();
+  }
+  Drawn& d = drawn[id];
+  if (change == LayerChange::kAdded || change == LayerChange::kSurface) {
+    if (d.surface && d.surface->mesh == layer->mesh) return build_actor(id);
+    d.wanted = layer->mesh;
+    if (layer->visible) prepare(id);
+    return;
+  }
+  if (layer->visible && d.wanted && !d.preparing && (!d.surface || d.surface->mesh != d.wanted))
+    return prepare(id);
+  apply_look(id);
+}
+
+/// Another view may have made the same mesh ready already.
+std::map<const TriangleMesh*, std::weak_ptr<PreparedSurface>>& surface_cache() {
+  static std::map<const TriangleMesh*, std::weak_ptr<PreparedSurface>> cache;  // GUI thread only
+  return cache;
+}
+
+void Scene3d::Impl::prepare(const std::string& id) {
+  Drawn& d = drawn[id];
+  const auto mesh = d.wanted;
+  if (!mesh || mesh->empty()) return;
+  if (auto ready = surface_cache()[mesh.get()].lock(); ready && ready->mesh == mesh) {
+    d.surface = ready;
+    return build_actor(id);
+  }
+  d.preparing = true;
+  auto made = std::make_shared<std::shared_ptr<PreparedSurface>>();
+  jobs.run_latest(
+      name + "/" + id, [mesh, made](JobContext&) { *made = prepare_surface(mesh, kCoarseTriangles); },
+      [this, id, mesh, made] {
+        const auto at = drawn.find(id);
+        if (at == drawn.end()) return;
+        at->second.preparing = false;
+        if (at->second.wanted != mesh) return prepare(id);
+        at->second.surface = *made;
+        surface_cache()[mesh.get()] = *made;
+        build_actor(id);
+      });
+}
+
+void Scene3d::Impl::build_actor(const std::string& id) {
+  Drawn& d = drawn[id];
+  const Layer* layer = layers.find(id);
+  if (!layer || !d.surface) return;
+  if (!d.actor) {
+    d.actor = vtkSmartPointer<vtkActor>::New();
+    renderer->AddActor(d.actor);
+  }
+  const bool colored = layer->colors != nullptr;
+  if (colored) {
+    d.full = mapper_of(with_colors(d.surface->full, *layer->colors, nullptr), true);
+    d.coarse = mapper_of(with_colors(d.surface->coarse, *layer->colors, &d.surface->coarse_source), true);
+  } else {
+    d.full = mapper_of(d.surface->full, false);
+    d.coarse = mapper_of(d.surface->coarse, false);
+  }
+  d.actor->SetMapper(moving ? d.coarse : d.full);
+  vtkProperty* look = d.actor->GetProperty();
+  look->SetAmbient(colored ? 0.45 : 0.2);
+  look->SetDiffuse(colored ? 0.6 : 0.9);
+  look->SetSpecular(colored ? 0.0 : 0.2);
+  look->SetSpecularPower(25);
+  look->SetInterpolationToPhong();
+  apply_look(id);
+  if (!placed) {
+    placed = true;
+    renderer->ResetCamera();
+  }
+  self.render();
+}
+
+void Scene3d::Impl::apply_look(const std::string& id) {
+  Drawn& d = drawn[id];
+  const Layer* layer = layers.find(id);
+  if (!layer || !d.actor) return;
+  vtkProperty* look = d.actor->GetProperty();
+  look->SetColor(layer->color_3d[0], layer->color_3d[1], layer->color_3d[2]);
+  look->SetOpacity(layer->opacity);
+  d.actor->SetVisibility(layer->visible && layer->opacity > 0.01);
+  const Matrix4 m = layer->pose.matrix();
+  vtkNew<vtkMatrix4x4> pose;
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 4; ++c) pose->SetElement(r, c, m(r, c));
+  d.actor->SetUserMatrix(pose);
+  self.render();
+}
+
+// --- drawing ----------------------------------------------------------------------------------------------
+
+void Scene3d::render() {
+  if (impl_->scheduled) return;
+  impl_->scheduled = true;
+  QTimer::singleShot(0, impl_->widget, [this] {
+    impl_->scheduled = false;
+    render_now();
+  });
+}
+
+void Scene3d::render_now() {
+  Impl& s = *impl_;
+  if (!s.widget->isVisible()) return;
+  bool clear = false;
+  for (const Layer& l : s.layers.layers()) clear |= l.visible && l.opacity < 1.0;
+  s.renderer->SetUseDepthPeeling(clear && !s.moving);
+  s.renderer->SetUseFXAA(!s.moving);
+  s.renderer->ResetCameraClippingRange();
+  s.window->Render();
+  s.overlay_widget->update();
+}
+
+bool Scene3d::settled() const {
+  const Impl& s = *impl_;
+  if (s.moving || s.scheduled) return false;
+  for (const Layer& l : s.layers.layers()) {
+    if (!l.visible || !l.mesh || l.mesh->empty()) continue;
+    const auto at = s.drawn.find(l.id);
+    if (at == s.drawn.end() || !at->second.surface || at->second.surface->mesh != l.mesh) return false;
+  }
+  return true;
+}
+
+QImage Scene3d::picture() const {
+  return impl_->widget->grab().toImage();
+}
+
+void Scene3d::Impl::set_moving(bool on) {
+  if (on) rest.start();
+  if (moving == on) return;
+  moving = on;
+  for (auto& [id, d] : drawn)
+    if (d.actor) d.actor->SetMapper(on ? d.coarse : d.full);
+  if (!on) self.render();
+}
+
+void Scene3d::note_motion() {
+  impl_->set_moving(true);
+}
+
+void Scene3d::allow_full_detail(bool allowed) {
+  impl_->full_allowed = allowed;
+  if (allowed && impl_->moving) impl_->rest.start();
+}
+
+// --- camera -----------------------------------------------------------------------------------------------
+
+void Scene3d::look_from(const Vector3& towards_viewer, const Vector3& up) {
+  Impl& s = *impl_;
+  double b[6];
+  s.renderer->ComputeVisiblePropBounds(b);
+  Vector3 centre = Vector3::Zero();
+  if (b[0] <= b[1]) centre = {0.5 * (b[0] + b[1]), 0.5 * (b[2] + b[3]), 0.5 * (b[4] + b[5])};
+  vtkCamera* camera = s.renderer->GetActiveCamera();
+  const Vector3 eye = centre + 400.0 * towards_viewer.normalized();
+  camera->SetFocalPoint(centre.data());
+  camera->SetPosition(eye.data());
+  camera->SetViewUp(up.data());
+  camera->OrthogonalizeViewUp();
+  s.renderer->ResetCamera();
+  camera->Zoom(1.0);
+  camera->Dolly(1.28);
+  s.placed = true;
+  render();
+}
+
+void Scene3d::look_at(const Vector3& point_mm, double width_mm) {
+  vtkCamera* camera = impl_->renderer->GetActiveCamera();
+  double n[3];
+  camera->GetDirectionOfProjection(n);
+  const double distance = 0.5 * width_mm / std::tan(0.5 * camera->GetViewAngle() * 0.017453292519943295);
+  const Vector3 eye = point_mm - distance * Vector3(n[0], n[1], n[2]);
+  camera->SetFocalPoint(point_mm.data());
+  camera->SetPosition(eye.data());
+  render();
+}
+
+void Scene3d::link_camera(Scene3d& other) {
+  vtkCamera* camera = other.impl_->renderer->GetActiveCamera();
+  impl_->renderer->SetActiveCamera(camera);
+  impl_->front->SetActiveCamera(camera);
+  impl_->placed = true;
+  impl_->linked = &other;
+  other.impl_->linked = this;
+  render();
+}
+
+void Scene3d::unlink_camera() {
+  if (!impl_->linked) return;
+  impl_->linked->impl_->linked = nullptr;
+  impl_->linked = nullptr;
+}
+
+// --- overlays ---------------------------------------------------------------------------------------------
+
+void Scene3d::set_overlay(const std::string& overlay_name, Overlay overlay) {
+  clear_overlay(overlay_name);
+  auto& into = impl_->overlays[overlay_name];
+  into.first = overlay.on_top;
+  into.second = overlay_actors(overlay, impl_->widget->devicePixelRatioF());
+  for (const auto& actor : into.second)
+    (overlay.on_top ? impl_->front : impl_->renderer)->AddViewProp(actor);
+  render();
+}
+
+void Scene3d::clear_overlay(const std::string& overlay_name) {
+  const auto at = impl_->overlays.find(overlay_name);
+  if (at == impl_->overlays.end()) return;
+  for (const auto& actor : at->second.second)
+    (at->second.first ? impl_->front : impl_->renderer)->RemoveViewProp(actor);
+  impl_->overlays.erase(at);
+  render();
+}
+
+void Scene3d::set_colour_scale(std::optional<ColourScale> scale) {
+  impl_->overlay_widget->set_scale(std::move(scale));
+}
+
+void Scene3d::set_caption(const QString& text) {
+  impl_->overlay_widget->set_caption(text);
+}
+
+std::shared_ptr<const MeshQuery> Scene3d::surface(const std::string& layer) const {
+  const auto at = impl_->drawn.find(layer);
+  return at == impl_->drawn.end() || !at->second.surface ? nullptr : at->second.surface->query;
+}
+
+}  // namespace gnathion

@@ -1,0 +1,219 @@
+// viewer_tour CASE --pictures DIR: opens a case and takes the pictures of the handbook, step by step.
+// viewer_tour CASE --bench: measures opening, frame rate and the longest pause of the window.
+#include <QVTKOpenGLNativeWidget.h>
+#include <vtkAutoInit.h>
+#include <QAction>
+#include <QApplication>
+#include <QCheckBox>
+#include <QElapsedTimer>
+#include <QMouseEvent>
+#include <QPushButton>
+#include <QSurfaceFormat>
+#include <QTabBar>
+#include <QTabWidget>
+#include <QTest>
+#include <cstdio>
+#include <functional>
+#include <string>
+#include <thread>
+
+#include "viewer/main_window.h"
+#include "viewer/widgets/timeline.h"
+
+VTK_MODULE_INIT(vtkRenderingOpenGL2)
+VTK_MODULE_INIT(vtkRenderingFreeType)
+VTK_MODULE_INIT(vtkInteractionStyle)
+
+namespace gnathion {
+namespace {
+
+bool wait(const std::function<bool()>& condition, int ms = 300000) {
+  QElapsedTimer clock;
+  clock.start();
+  while (!condition()) {
+    if (clock.elapsed() > ms) return false;
+    QTest::qWait(20);
+  }
+  return true;
+}
+
+void settle(MainWindow& w) {
+  wait([&] { return w.scene().settled() && !w.jobs().any(); });
+  QTest::qWait(60);
+}
+
+void go(MainWindow& w, int step) {
+  w.findChild<QTabBar*>("steps")->setCurrentIndex(step);
+  settle(w);
+}
+
+void act(MainWindow& w, const char* action) {
+  w.findChild<QAction*>(action)->trigger();
+  settle(w);
+}
+
+template <class T>
+T* part(MainWindow& w, const char* name) {
+  return w.findChild<T*>(name);
+}
+
+/// The pictures, each in the state a user would bring about.
+void take_pictures(MainWindow& w, const QString& folder) {
+  const auto take = [&](const char* name) {
+    settle(w);
+    w.grab().save(folder + "/" + name + ".png");
+    std::printf("%s\n", name);
+  };
+  go(w, 0);
+  act(w, "view_oblique");
+  take("viewer_capture");
+  go(w, 1);
+  auto* timeline = part<Timeline>(w, "timeline");
+  act(w, "view_oblique");
+  timeline->set_time(0.3 * timeline->end_s());
+  timeline->scrubbed(timeline->time_s());
+  part<QCheckBox>(w, "contactsBox")->setChecked(true);
+  take("viewer_motion");
+  part<QCheckBox>(w, "contactsBox")->setChecked(false);
+  go(w, 2);
+  act(w, "view_oblique");
+  take("viewer_calibrate");
+  go(w, 3);
+  act(w, "view_oblique");
+  take("viewer_transformation");
+  go(w, 4);
+  act(w, "view_oblique");
+  act(w, "sectionAction");
+  take("viewer_design");
+  act(w, "sectionAction");
+  w.document().layers().set_visible("splint", false);
+  w.document().layers().set_visible("thickness", true);
+  w.document().layers().set_visible("mandible_tp", false);
+  part<QCheckBox>(w, "marginBox")->setChecked(true);
+  act(w, "view_upper_occlusal");
+  take("viewer_thickness");
+  go(w, 5);
+  if (w.document().layers().find("splint")) part<QPushButton>(w, "virtualPrint")->click();
+  settle(w);
+  act(w, "view_upper_occlusal");
+  take("viewer_evaluate");
+}
+
+struct Frames {
+  double per_second = 0, worst_ms = 0, rest_ms = 0;
+};
+
+/// Turns the camera by the mouse for about two seconds, every frame drawn before the next move.
+Frames turn(MainWindow& w) {
+  QWidget* scene = w.scene().widget();
+  settle(w);
+  const QPoint centre = scene->rect().center();
+  const auto send = [&](QEvent::Type type, const QPoint& p, Qt::MouseButton b, Qt::MouseButtons held) {
+    QMouseEvent event(type, p, scene->mapToGlobal(p), b, held, {});
+    QApplication::sendEvent(scene, &event);
+  };
+  send(QEvent::MouseButtonPress, centre, Qt::LeftButton, Qt::LeftButton);
+  send(QEvent::MouseMove, centre + QPoint(2, 0), Qt::NoButton, Qt::LeftButton);
+  QApplication::processEvents();
+  QElapsedTimer clock, frame;
+  clock.start();
+  Frames f;
+  int n = 0;
+  while (clock.elapsed() < 2500) {
+    frame.start();
+    send(QEvent::MouseMove, centre + QPoint(static_cast<int>(80 * std::sin(0.05 * n)), n % 7), Qt::NoButton, Qt::LeftButton);
+    QApplication::processEvents();
+    f.worst_ms = std::max(f.worst_ms, static_cast<double>(frame.nsecsElapsed()) / 1e6);
+    ++n;
+  }
+  f.per_second = 1000.0 * n / static_cast<double>(clock.elapsed());
+  send(QEvent::MouseButtonRelease, centre, Qt::LeftButton, Qt::NoButton);
+  settle(w);
+  frame.start();
+  w.scene().render_now();
+  f.rest_ms = static_cast<double>(frame.nsecsElapsed()) / 1e6;
+  return f;
+}
+
+/// How long the event loop stood still at most while `until` was not yet true.
+double longest_pause_ms(const std::function<bool()>& until) {
+  QElapsedTimer since;
+  since.start();
+  double worst = 0;
+  QTimer beat;
+  QObject::connect(&beat, &QTimer::timeout, [&] {
+    worst = std::max(worst, static_cast<double>(since.nsecsElapsed()) / 1e6);
+    since.restart();
+  });
+  beat.start(1);
+  while (!until()) QApplication::processEvents(QEventLoop::WaitForMoreEvents);
+  return worst;
+}
+
+/// A mesh cut into four until it has about that many triangles: what a finer scanner would give.
+std::shared_ptr<const TriangleMesh> refined(const TriangleMesh& mesh, std::size_t triangles) {
+  TriangleMesh m;
+  m.vertices_mm = mesh.vertices_mm;
+  m.triangles = mesh.triangles;
+  for (std::size_t t = 0; m.triangles.size() < triangles; ++t) {
+    const Triangle v = m.triangles[t];
+    const auto c = static_cast<std::uint32_t>(m.vertices_mm.size());
+    m.vertices_mm.push_back((m.vertices_mm[v[0]] + m.vertices_mm[v[1]] + m.vertices_mm[v[2]]) / 3);
+    m.triangles[t] = {v[0], v[1], c};
+    m.triangles.push_back({v[1], v[2], c});
+    m.triangles.push_back({v[2], v[0], c});
+  }
+  return std::make_shared<const TriangleMesh>(std::move(m));
+}
+
+void measure(MainWindow& w) {
+  std::printf("| What | Measured |\n| --- | --- |\n");
+  std::printf("| case open, from the call to the full picture | %.2f s (files alone %.2f s) |\n", w.open_s(),
+              w.document().content().load_s);
+  go(w, 4);
+  for (const auto& [id, triangles] : {std::pair{"maxilla", 200000}, {"mandible_tp", 200000}, {"splint", 500000}}) {
+    const Layer* layer = w.document().layers().find(id);
+    if (!layer) continue;
+    Layer fine = *layer;
+    fine.mesh = refined(*layer->mesh, static_cast<std::size_t>(triangles));
+    w.document().layers().put(std::move(fine));
+  }
+  settle(w);
+  std::size_t shown = 0;
+  for (const Layer& l : w.document().layers().layers())
+    if (l.visible) shown += l.mesh->triangles.size();
+  w.scene().widget()->window()->resize(1280 + 620, 800 + 120);
+  QApplication::processEvents();
+  const QSize size = w.scene().widget()->size();
+  const Frames f = turn(w);
+  std::printf("| %zu triangles turned at %d × %d | %.1f frames a second, slowest frame %.0f ms |\n", shown, size.width(),
+              size.height(), f.per_second, f.worst_ms);
+  std::printf("| the same at rest, full detail | %.0f ms a picture |\n", f.rest_ms);
+  part<QPushButton>(w, "buildSplint")->click();
+  const double pause = longest_pause_ms([&] { return !w.jobs().busy(); });
+  std::printf("| longest pause of the window during a full build | %.0f ms |\n", pause);
+  double load[1] = {0};
+  (void)!getloadavg(load, 1);
+  std::printf("| load of the machine meanwhile | %.1f on %u cores |\n", load[0], std::thread::hardware_concurrency());
+}
+
+}  // namespace
+}  // namespace gnathion
+
+int main(int argc, char** argv) {
+  if (argc < 3) {
+    std::fputs("viewer_tour CASE --pictures DIR | --bench\n", stderr);
+    return 2;
+  }
+  QSurfaceFormat format = QVTKOpenGLNativeWidget::defaultFormat();
+  format.setSamples(0);
+  QSurfaceFormat::setDefaultFormat(format);
+  QApplication app(argc, argv);
+  gnathion::MainWindow window(gnathion::WindowOptions{});
+  window.show();
+  window.open(argv[1]);
+  if (!gnathion::wait([&] { return !window.loading() && window.open_s() > 0; })) return 1;
+  if (std::string(argv[2]) == "--bench") gnathion::measure(window);
+  else if (argc > 3) gnathion::take_pictures(window, argv[3]);
+  return 0;
+}

@@ -1,0 +1,189 @@
+#include "viewer/widgets/parts.h"
+
+#include <QHeaderView>
+#include <QHBoxLayout>
+#include <QPainter>
+#include <QPainterPath>
+#include <QToolButton>
+
+#include "rendering/drawing.h"
+
+namespace gnathion {
+
+QColor qcolor(const Color& c) {
+  return QColor::fromRgbF(c[0], c[1], c[2]);
+}
+
+QLabel* heading(const QString& text) {
+  auto* label = new QLabel(text);
+  label->setProperty("role", "heading");
+  return label;
+}
+
+QLabel* wrapped(const QString& text, bool faint) {
+  auto* label = new QLabel(text);
+  label->setWordWrap(true);
+  if (faint) label->setProperty("role", "faint");
+  return label;
+}
+
+QPushButton* button(const QString& text, const QString& object_name, const QString& tip,
+                    std::function<void()> clicked) {
+  auto* b = new QPushButton(text);
+  b->setObjectName(object_name);
+  b->setToolTip(tip);
+  QObject::connect(b, &QPushButton::clicked, b, [clicked = std::move(clicked)] { clicked(); });
+  return b;
+}
+
+QTableWidget* plain_table(const QStringList& columns, const QString& object_name) {
+  auto* table = new QTableWidget(0, columns.size());
+  table->setObjectName(object_name);
+  table->setHorizontalHeaderLabels(columns);
+  table->verticalHeader()->hide();
+  table->verticalHeader()->setDefaultSectionSize(22);
+  table->setShowGrid(false);
+  table->setAlternatingRowColors(true);
+  table->setSelectionBehavior(QAbstractItemView::SelectRows);
+  table->setSelectionMode(QAbstractItemView::SingleSelection);
+  table->setEditTriggers(QAbstractItemView::NoEditTriggers);
+  table->setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
+  table->horizontalHeader()->setHighlightSections(false);
+  return table;
+}
+
+QTableWidgetItem* cell(const QString& text, bool number) {
+  auto* item = new QTableWidgetItem(text);
+  item->setToolTip(text);
+  if (number) item->setTextAlignment(Qt::AlignRight | Qt::AlignVCenter);
+  return item;
+}
+
+QTableWidgetItem* verdict_cell(bool pass, bool blocks) {
+  auto* item = new QTableWidgetItem(pass ? "✓" : blocks ? "✗" : "!");
+  item->setTextAlignment(Qt::AlignCenter);
+  item->setForeground(pass ? QColor(0, 110, 80) : blocks ? QColor(170, 30, 20) : QColor(150, 85, 0));
+  item->setToolTip(pass ? "kept" : blocks ? "failed: decides the verdict" : "failed: a warning");
+  return item;
+}
+
+QIcon eye_icon(bool open) {
+  QPixmap map(40, 40);
+  map.fill(Qt::transparent);
+  QPainter p(&map);
+  p.setRenderHint(QPainter::Antialiasing);
+  const QColor ink = open ? QColor(28, 36, 48) : QColor(150, 156, 166);
+  p.setPen(QPen(ink, 3));
+  QPainterPath lid(QPointF(3, 20));
+  lid.quadTo(20, 4, 37, 20);
+  lid.quadTo(20, 36, 3, 20);
+  if (open) {
+    p.drawPath(lid);
+    p.setBrush(ink);
+    p.drawEllipse(QPointF(20, 20), 6, 6);
+  } else {
+    QPainterPath closed(QPointF(3, 18));
+    closed.quadTo(20, 32, 37, 18);
+    p.drawPath(closed);
+  }
+  return QIcon(map);
+}
+
+StepStatus::StepStatus(const QString& object_name) {
+  setObjectName(object_name);
+  setProperty("role", "status");
+  auto* column = new QVBoxLayout(this);
+  column->setContentsMargins(8, 6, 8, 6);
+  text_ = new QLabel;
+  text_->setObjectName(object_name + "Text");
+  text_->setWordWrap(true);
+  text_->setTextFormat(Qt::RichText);
+  column->addWidget(text_);
+}
+
+void StepStatus::show_state(const QStringList& done, const std::vector<Absence>& missing) {
+  QStringList lines;
+  for (const QString& line : done)
+    lines << "<span style='color:#00694d'>✓</span> " + line;
+  for (const Absence& a : missing)
+    lines << QString("<span style='color:%1'>%2 <b>%3</b></span>: %4")
+                 .arg(a.broken ? "#a01e14" : "#7a4600", a.broken ? "✗" : "○",
+                      QString::fromStdString(a.what).toHtmlEscaped(),
+                      QString::fromStdString(a.why).toHtmlEscaped());
+  text_->setText(lines.join("<br>"));
+  setVisible(!lines.isEmpty());
+}
+
+MessageBar::MessageBar(QWidget* parent) : QFrame(parent) {
+  setObjectName("messageBar");
+  auto* row = new QHBoxLayout(this);
+  row->setContentsMargins(12, 4, 6, 4);
+  label_ = new QLabel;
+  label_->setObjectName("messageText");
+  label_->setWordWrap(true);
+  label_->setTextInteractionFlags(Qt::TextSelectableByMouse);
+  auto* close = new QToolButton;
+  close->setText("✕");
+  close->setObjectName("messageClose");
+  close->setAutoRaise(true);
+  connect(close, &QToolButton::clicked, this, &QWidget::hide);
+  row->addWidget(label_, 1);
+  row->addWidget(close);
+  hide();
+}
+
+void MessageBar::show_line(const QString& line, const char* style) {
+  label_->setText(line);
+  setStyleSheet(style);
+  show();
+}
+
+void MessageBar::show_error(const QString& line) {
+  show_line(line, "#messageBar{background:#fbe6e3;border-bottom:1px solid #c4483a}"
+                  "#messageText{color:#7c1a10;font-weight:600}");
+}
+
+void MessageBar::show_notice(const QString& line) {
+  show_line(line, "#messageBar{background:#e6f0fa;border-bottom:1px solid #6f9cc9}"
+                  "#messageText{color:#123e68}");
+}
+
+ChartView::ChartView(QWidget* parent) : QWidget(parent) {
+  setMinimumSize(200, 120);
+}
+
+void ChartView::set_drawing(std::shared_ptr<const Drawing> drawing) {
+  drawing_ = std::move(drawing);
+  picture_ = {};
+  update();
+}
+
+void ChartView::set_note(const QString& note) {
+  note_ = note;
+  drawing_.reset();
+  picture_ = {};
+  update();
+}
+
+void ChartView::paintEvent(QPaintEvent*) {
+  QPainter painter(this);
+  painter.fillRect(rect(), Qt::white);
+  if (!drawing_) {
+    painter.setPen(QColor(96, 103, 116));
+    painter.drawText(rect().adjusted(24, 12, -24, -12), Qt::AlignCenter | Qt::TextWordWrap, note_);
+    return;
+  }
+  const double fit = std::min(width() / drawing_->width_pt(), height() / drawing_->height_pt());
+  const double ratio = devicePixelRatioF();
+  if (picture_.isNull() || drawn_for_ != size()) {
+    if (const Result<std::string> png = png_bytes(*drawing_, fit * ratio))
+      picture_.loadFromData(reinterpret_cast<const uchar*>(png->data()), static_cast<int>(png->size()));
+    drawn_for_ = size();
+  }
+  const QSizeF shown(drawing_->width_pt() * fit, drawing_->height_pt() * fit);
+  painter.setRenderHint(QPainter::SmoothPixmapTransform);
+  painter.drawImage(QRectF(QPointF((width() - shown.width()) / 2, (height() - shown.height()) / 2), shown),
+                    picture_);
+}
+
+}  // namespace gnathion
