@@ -20,10 +20,9 @@ void add_joint_options(CLI::App& command, PatientFiles& files) {
       "bone above this value of the volume; else by Otsu");
   command.add_option("--cbct-pose", files.cbct_pose,
                      "cbct_from_dental.json of an earlier registration; else by the crowns");
-  command
-      .add_option("--condyle-labels", o.condyle_labels, "the volume is a label map: labels of the mandible")
-      ->delimiter(',');
-  command.add_option("--fossa-labels", o.fossa_labels, "and of the skull")->delimiter(',');
+  command.add_option("--labels", o.labels, "label map in the volume's frame");
+  command.add_option("--condyle-labels", o.condyle_labels, "its labels of the mandible")->delimiter(',');
+  command.add_option("--fossa-labels", o.fossa_labels, "its labels of the skull")->delimiter(',');
 }
 
 void add_recording_options(CLI::App& command, PatientFiles& files) {

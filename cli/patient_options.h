@@ -11,7 +11,7 @@ namespace gnathion {
 
 /// --maxilla, --mandible.
 void add_jaw_options(CLI::App& command, PatientFiles& files);
-/// --cbct and how it is read: --series, --bone-level, --cbct-pose, --condyle-labels, --fossa-labels.
+/// --cbct and how it is read: --series, --bone-level, --cbct-pose, --labels, --condyle-labels, --fossa-labels.
 void add_joint_options(CLI::App& command, PatientFiles& files);
 /// --motion, --calibration.
 void add_recording_options(CLI::App& command, PatientFiles& files);

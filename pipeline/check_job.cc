@@ -33,7 +33,8 @@ double reach_of(const std::vector<Rigid3>& motions, const Vector3& point_mm) {
 
 std::vector<std::string> PatientFiles::paths() const {
   std::vector<std::string> out;
-  for (const fs::path* p : {&maxilla, &mandible, &cbct, &cbct_pose, &motion, &calibration})
+  for (const fs::path* p :
+       {&maxilla, &mandible, &cbct, &cbct_pose, &cbct_options.labels, &motion, &calibration})
     if (!p->empty()) out.push_back(p->string());
   return out;
 }
@@ -41,18 +42,7 @@ std::vector<std::string> PatientFiles::paths() const {
 Result<CbctOptions> cbct_options_of(const PatientFiles& files) {
   CbctOptions options = files.cbct_options;
   if (files.cbct_pose.empty()) return options;
-  const std::string where = files.cbct_pose.string();
-  GNATHION_TRY(const nlohmann::json j, read_json(files.cbct_pose));
-  if (!j.is_object() || j.value("to", "") != "cbct" || j.value("from", "") != "dental" ||
-      !j.contains("matrix"))
-    return bad_input("cannot use registration", where, "not a pose from dental to cbct");
-  GNATHION_TRY(const Matrix4 matrix, matrix_from_json(j.at("matrix"), where));
-  if (!rigidity_deviation(matrix).is_rigid())
-    return bad_input("cannot use registration", where, "its matrix is not a rigid motion");
-  options.cbct_from_dental = Transform<Cbct, Dental>(nearest_rigid(matrix));
-  if (j.contains("covariance") && !j.at("covariance").is_null()) {
-    GNATHION_TRY(options.covariance, covariance_from_json(j.at("covariance"), where));
-  }
+  GNATHION_CHECK_OK(read_cbct_registration(files.cbct_pose, options));
   return options;
 }
 
