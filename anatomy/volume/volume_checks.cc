@@ -9,10 +9,10 @@ namespace {
 
 constexpr double kCoarseMm = 0.7;  ///< joint spaces are 1.5 to 4 mm: fewer than three voxels show none
 
-std::string likely_unit(double largest_extent) {
-  if (largest_extent > 0.01 && largest_extent < 1.0) return ": metres? Voxel sizes must be in millimetres";
-  if (largest_extent >= 1e4 && largest_extent < 1e6)
-    return ": micrometres? Voxel sizes must be in millimetres";
+/// Voxels of heads measure 0.05 to 5 mm.
+std::string likely_unit(double voxel) {
+  if (voxel > 2e-5 && voxel < 6e-3) return ": metres? Voxel sizes must be in millimetres";
+  if (voxel > 40.0 && voxel < 6e3) return ": micrometres? Voxel sizes must be in millimetres";
   return ": no part of a head in millimetres";
 }
 
@@ -39,7 +39,7 @@ Status check_grid(const VoxelGrid& grid, std::size_t bytes_a_voxel, std::uint64_
   if (!(smallest > 0.0) || extent < 5.0 || extent > 3000.0 || largest > 20.0)
     return bad_input(kReadVolume, name,
                      fmt::format("voxels of {:.3g} x {:.3g} x {:.3g}, {:.3g} across{}", spacing.x(),
-                                 spacing.y(), spacing.z(), extent, likely_unit(extent)));
+                                 spacing.y(), spacing.z(), extent, likely_unit(smallest)));
   const double volume_share = grid.voxel_mm3() / spacing.prod();
   if (!(volume_share > 0.2)) return bad_input(kReadVolume, name, "its axes lie in one plane");
   if (largest > 1.2 * smallest)
