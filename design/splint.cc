@@ -9,6 +9,7 @@
 #include "design/extraction.h"
 #include "design/gates.h"
 #include "design/pressing.h"
+#include "design/printing/build_direction.h"
 #include "design/simplification.h"
 #include "design/splint_field.h"
 #include "design/verification_steps.h"
@@ -66,6 +67,16 @@ void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, cons
                                                     SurfacePart::kImprint, SurfacePart::kRelief}));
 }
 
+/// Nothing where an arch has no central incisor.
+std::optional<BiteReadout> read_bite(const SplintInputs& inputs, const ArchFrame& arch,
+                                     const std::vector<std::uint8_t>& support_fdi) {
+  const auto opposing_fdi = assign_teeth(inputs.opposing_mi(), arch, inputs.opposing_arch());
+  const auto points = bite_points(inputs.maxilla, inputs.on_maxilla() ? support_fdi : opposing_fdi,
+                                  inputs.mandible_mi, inputs.on_maxilla() ? opposing_fdi : support_fdi, arch);
+  if (!points) return std::nullopt;
+  return bite_readout(*points, arch, inputs.therapeutic.rigid);
+}
+
 /// All measurements, side by side: each fills its own part of the verification. Returns the side walls' 1st
 /// percentile.
 double verify(const SplintInputs& inputs, const FinishedSplint& splint, const SplintField& field,
@@ -73,26 +84,32 @@ double verify(const SplintInputs& inputs, const FinishedSplint& splint, const Sp
   const Preparation& preparation = field.preparation();
   SplintVerification& out = design.verification;
   double side_wall_p01_mm = 0.0;
-  tbb::parallel_invoke(
-      [&] { verify_topology(splint, out); }, [&] { verify_walls(splint, field, out, &side_wall_p01_mm); },
-      [&] { verify_fit(splint, preparation, inputs.arch, out); },
-      [&] { verify_contacts(inputs, splint, preparation, out); },
-      [&] { verify_seating(inputs, splint, preparation, out); },
-      [&] {
-        verify_freedom(splint, preparation, out);
-        verify_imprint(splint, preparation, out);  // along the way that must run free
-      },
-      [&] {
-        const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
-        verify_insertability(splint, preparation, inputs.support(), fdi, out);
-        out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
-        for (Aperture& drawn :
-             drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))
-          out.apertures.push_back(std::move(drawn));
-      });
+  tbb::parallel_invoke([&] { verify_topology(splint, out); },
+                       [&] { verify_walls(splint, field, out, &side_wall_p01_mm, &design.thickness_mm); },
+                       [&] { verify_fit(splint, preparation, inputs.arch, out); },
+                       [&] { verify_contacts(inputs, splint, preparation, out); },
+                       [&] { verify_seating(inputs, splint, preparation, out); },
+                       [&] {
+                         verify_freedom(splint, preparation, out);
+                         verify_imprint(splint, preparation, out);  // along the way that must run free
+                       },
+                       [&] {
+                         const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
+                         verify_insertability(splint, preparation, inputs.support(), fdi, out);
+                         out.bite = read_bite(inputs, preparation.arch, fdi);
+                         out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
+                         for (Aperture& drawn : drawn_apertures(inputs.edits, preparation.design_from_dental,
+                                                                inputs.support(), fdi))
+                           out.apertures.push_back(std::move(drawn));
+                       });
   const Rigid3 dental = preparation.design_from_dental.inverse();
   out.thickness.where_mm = dental * out.thickness.where_mm;
   return side_wall_p01_mm;
+}
+
+SplintVerification::Build best_build(const SplintSurface& splint, const Vector3& seating_direction) {
+  const BuildDirection best = find_build_direction(splint, seating_direction);
+  return {best.up, best.overhang_mm2, best.cavity_overhang_mm2};
 }
 
 void judge(SplintDesign& design, double side_wall_p01_mm) {
@@ -145,6 +162,9 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     const Rigid3 dental = preparation.design_from_dental.inverse();
     judge(design, side_wall_p01_mm);
     design.splint = transformed(dental, splint.mesh());
+    for (const SurfacePart part : splint.parts) design.part.push_back(static_cast<std::uint8_t>(part));
+    design.verification.build =
+        best_build({design.splint, design.thickness_mm, design.part}, design.insertion.direction);
     add_pictures(inputs, splint, preparation, design);
   }
   return design;

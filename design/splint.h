@@ -47,7 +47,9 @@ struct SplintInputs {
 using StageTimes = std::vector<std::pair<std::string, double>>;
 
 struct SplintDesign {
-  TriangleMesh splint;  ///< Dental; also present when the verdict is "fail"
+  TriangleMesh splint;              ///< Dental; also present when the verdict is "fail"
+  std::vector<float> thickness_mm;  ///< per vertex, to the other side of the wall; negative on rims
+  std::vector<std::uint8_t> part;   ///< per vertex: SurfacePart of splint_field.h
   SplintParameters parameters;
   SplintVerification verification;
   std::vector<Gate> gates;

@@ -20,9 +20,10 @@ struct FinishedSplint {
 void verify_topology(const FinishedSplint& splint, SplintVerification& out);
 
 /// Distance between the cavity's and the outer surface. `side_wall_p01_mm`: the 1st percentile where the
-/// outer surface is not shaped by the mandible.
+/// outer surface is not shaped by the mandible. `thickness_mm`: per vertex, negative on rims and walls of
+/// apertures.
 void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
-                  double* side_wall_p01_mm);
+                  double* side_wall_p01_mm, std::vector<float>* thickness_mm);
 
 /// Gap to the teeth, penetration of both jaws, and what of the cavity holds below the height of contour.
 /// `arch` wears the splint.

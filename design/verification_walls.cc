@@ -27,15 +27,39 @@ void verify_topology(const FinishedSplint& splint, SplintVerification& out) {
   out.volume_mm3 = signed_volume_mm3(splint.mesh());
 }
 
+namespace {
+
+/// Distance of each of these vertices to the other side of the wall.
+void measure_across(const FinishedSplint& splint, std::initializer_list<SurfacePart> parts,
+                    const MeshQuery& other_side, std::vector<float>& thickness) {
+  std::vector<std::size_t> which;
+  std::vector<Vector3> points;
+  for (std::size_t v = 0; v < splint.parts.size(); ++v)
+    if (std::find(parts.begin(), parts.end(), splint.parts[v]) != parts.end()) {
+      which.push_back(v);
+      points.push_back(splint.mesh().vertices_mm[v]);
+    }
+  const std::vector<ClosestHit> hits = closest_points(other_side, points);
+  for (std::size_t i = 0; i < which.size(); ++i)
+    thickness[which[i]] = static_cast<float>(std::abs(hits[i].distance_mm));
+}
+
+}  // namespace
+
 void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
-                  double* side_wall_p01_mm) {
+                  double* side_wall_p01_mm, std::vector<float>* thickness_mm) {
   const SplintParameters& par = field.parameters();
   const TriangleMesh cavity = splint.region({SurfacePart::kCavity});
   const TriangleMesh outer =
       splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint, SurfacePart::kRelief});
   *side_wall_p01_mm = 0.0;
+  thickness_mm->assign(splint.parts.size(), -1.0f);
   if (cavity.empty() || outer.empty()) return;
   const MeshQuery to_outer(outer), to_cavity(cavity);
+  measure_across(splint, {SurfacePart::kCavity}, to_outer, *thickness_mm);
+  measure_across(splint,
+                 {SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint, SurfacePart::kRelief},
+                 to_cavity, *thickness_mm);
 
   struct Sample {
     double thickness = -1.0;

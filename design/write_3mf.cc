@@ -12,7 +12,29 @@
 namespace gnathion {
 namespace {
 
-std::string model_xml(const TriangleMesh& mesh,
+void append_object(std::string& xml, std::size_t id, const std::string& name, const TriangleMesh& mesh) {
+  xml += fmt::format("  <object id=\"{}\" type=\"model\" name=\"{}\">\n   <mesh>\n    <vertices>\n", id,
+                     xml_escaped(name));
+  auto to = std::back_inserter(xml);
+  for (const Vector3& v : mesh.vertices_mm)
+    fmt::format_to(to, "     <vertex x=\"{:.5f}\" y=\"{:.5f}\" z=\"{:.5f}\"/>\n", v.x(), v.y(), v.z());
+  xml += "    </vertices>\n    <triangles>\n";
+  for (const Triangle& t : mesh.triangles)
+    fmt::format_to(to, "     <triangle v1=\"{}\" v2=\"{}\" v3=\"{}\"/>\n", t[0], t[1], t[2]);
+  xml += "    </triangles>\n   </mesh>\n  </object>\n";
+}
+
+/// Twelve numbers for row vectors, p' = [x y z 1]·M: the transposed matrix row by row, then the translation.
+std::string item_transform(const PlatePart& part) {
+  if (part.linear == Matrix3::Identity() && part.translation_mm == Vector3::Zero()) return "";
+  std::string out = " transform=\"";
+  for (int column = 0; column < 3; ++column)
+    for (int row = 0; row < 3; ++row) out += fmt::format("{:.12g} ", part.linear(row, column));
+  return out + fmt::format("{:.12g} {:.12g} {:.12g}\"", part.translation_mm.x(), part.translation_mm.y(),
+                           part.translation_mm.z());
+}
+
+std::string model_xml(const std::vector<PlatePart>& parts,
                       const std::vector<std::pair<std::string, std::string>>& metadata) {
   std::string xml =
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
@@ -23,18 +45,12 @@ std::string model_xml(const TriangleMesh& mesh,
   for (const auto& [name, value] : metadata)
     xml +=
         fmt::format(" <metadata name=\"gnathion:{}\">{}</metadata>\n", xml_escaped(name), xml_escaped(value));
-  xml += " <resources>\n  <object id=\"1\" type=\"model\" name=\"splint\">\n   <mesh>\n    <vertices>\n";
-  auto to = std::back_inserter(xml);
-  for (const Vector3& v : mesh.vertices_mm)
-    fmt::format_to(to, "     <vertex x=\"{:.5f}\" y=\"{:.5f}\" z=\"{:.5f}\"/>\n", v.x(), v.y(), v.z());
-  xml += "    </vertices>\n    <triangles>\n";
-  for (const Triangle& t : mesh.triangles)
-    fmt::format_to(to, "     <triangle v1=\"{}\" v2=\"{}\" v3=\"{}\"/>\n", t[0], t[1], t[2]);
-  xml +=
-      "    </triangles>\n   </mesh>\n  </object>\n </resources>\n <build>\n  <item objectid=\"1\"/>\n "
-      "</build>\n"
-      "</model>\n";
-  return xml;
+  xml += " <resources>\n";
+  for (std::size_t i = 0; i < parts.size(); ++i) append_object(xml, i + 1, parts[i].name, *parts[i].mesh);
+  xml += " </resources>\n <build>\n";
+  for (std::size_t i = 0; i < parts.size(); ++i)
+    xml += fmt::format("  <item objectid=\"{}\"{}/>\n", i + 1, item_transform(parts[i]));
+  return xml + " </build>\n</model>\n";
 }
 
 /// A zip archive of deflated entries with a fixed date (1 January 1980, the format's first).
@@ -107,13 +123,18 @@ constexpr const char* kRelations =
 
 }  // namespace
 
-Status write_3mf(const std::filesystem::path& path, const TriangleMesh& mesh,
-                 const std::vector<std::pair<std::string, std::string>>& metadata) {
+Status write_3mf_plate(const std::filesystem::path& path, const std::vector<PlatePart>& parts,
+                       const std::vector<std::pair<std::string, std::string>>& metadata) {
   Zip zip;
   GNATHION_CHECK_OK(zip.add("[Content_Types].xml", kContentTypes));
   GNATHION_CHECK_OK(zip.add("_rels/.rels", kRelations));
-  GNATHION_CHECK_OK(zip.add("3D/3dmodel.model", model_xml(mesh, metadata)));
+  GNATHION_CHECK_OK(zip.add("3D/3dmodel.model", model_xml(parts, metadata)));
   return write_file(path, zip.finished());
+}
+
+Status write_3mf(const std::filesystem::path& path, const TriangleMesh& mesh,
+                 const std::vector<std::pair<std::string, std::string>>& metadata) {
+  return write_3mf_plate(path, {{"splint", &mesh}}, metadata);
 }
 
 }  // namespace gnathion

@@ -19,8 +19,9 @@ struct BuildDirection {
 BuildDirection overhang_along(const SplintSurface& splint, const Vector3& up, double self_supporting_deg,
                               bool with_rays = true);
 
-/// Over directions of about 4°: least overhang in the cavity, then least elsewhere; of those within 2 % of
-/// the surface the lowest part. The search starts from `cavity_opens` (unit, where the cavity opens to, the
+/// Over directions of about 4°: least overhang, of which a square millimetre in the cavity (or supported
+/// from there) counts as twenty elsewhere; of the three best by normals, those within 2 % of the surface, the
+/// lowest part. The search starts from `cavity_opens` (unit, where the cavity opens to, the
 /// seating direction), so that it turns with the splint. Deterministic.
 BuildDirection find_build_direction(const SplintSurface& splint, const Vector3& cavity_opens,
                                     double self_supporting_deg = 45.0);
