@@ -224,14 +224,15 @@ TEST_F(Steps, KilledAtAnyMomentItEndsWithTheSameBytes) {
   ASSERT_TRUE(run("{\"old\":1}", true, 4));
   const auto old = results();
   int kills = 0;
-  for (int round = 0; round < 40; ++round) {
+  const char* rounds = std::getenv("GNATHION_KILL_ROUNDS");
+  for (int round = 0; round < (rounds != nullptr ? std::atoi(rounds) : 6); ++round) {
     fs::remove_all(folder_ / ".steps");
     for (bool done = false; !done;) {
       const pid_t pid = ::fork();
       ASSERT_GE(pid, 0);
       if (pid == 0) {
         const auto r = run("{}", false, 4);
-        if (!r) ::write(2, r.error().line().c_str(), r.error().line().size());
+        if (!r) std::fprintf(stderr, "%s\n", r.error().line().c_str());
         ::_exit(r ? 0 : 1);
       }
       ::usleep(static_cast<useconds_t>(random.uniform(0, 60000)));
@@ -251,7 +252,7 @@ TEST_F(Steps, KilledAtAnyMomentItEndsWithTheSameBytes) {
     ASSERT_TRUE(run("{\"old\":1}", true, 4));
     ASSERT_EQ(results(), old);
   }
-  EXPECT_GT(kills, 20);
+  EXPECT_GT(kills, 5);
   std::printf("%d kills\n", kills);
 }
 
