@@ -85,6 +85,9 @@ int run_command_line(int argc, char** argv) {
   add_cbct_commands(app, chosen);
   add_transform_commands(app, chosen);
   add_check_commands(app, chosen);
+  add_joint_commands(app, chosen);
+  add_xray_commands(app, chosen);
+  add_range_commands(app, chosen);
   add_design_commands(app, chosen);
   add_case_commands(app, chosen);
   add_audit_commands(app, chosen);
