@@ -91,6 +91,7 @@ int run_command_line(int argc, char** argv) {
   add_design_commands(app, chosen);
   add_case_commands(app, chosen);
   add_audit_commands(app, chosen);
+  add_print_commands(app, chosen);
   add_bow_commands(app, chosen);
   add_evaluate_commands(app, chosen);
   add_motion_commands(app, chosen);

@@ -63,6 +63,7 @@ void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen);   // evaluate
 void add_virtual_print_command(CLI::App& evaluate, ChosenCommand& chosen);  // under evaluate
 void add_position_commands(CLI::App& evaluate, ChosenCommand& chosen);      // under evaluate: discrepancy, registration-object
 
+void add_print_commands(CLI::App& app, ChosenCommand& chosen);   // print prepare
 void add_motion_commands(CLI::App& app, ChosenCommand& chosen);             // track, motion analyse
 void add_calibrate_sensor_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
 

@@ -8,6 +8,7 @@
 #include "cli/parameter_options.h"
 #include "core/file.h"
 #include "pipeline/design_job.h"
+#include "pipeline/ladder_job.h"
 
 namespace gnathion {
 namespace {
@@ -44,12 +45,25 @@ CommandOutput design_output(const DesignOutcome& outcome, const std::string& whe
           outcome.report->dump(2, ' ', false, nlohmann::json::error_handler_t::replace), !outcome.accepted()};
 }
 
+Result<CommandOutput> design_ladder(DesignJob job, const Ladder& rungs, const std::string& out,
+                                    const CommonOptions& common, Progress& progress) {
+  GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(out, common.force, {"ladder.json"}));
+  job.pictures = false;
+  GNATHION_TRY(const LadderOutcome outcome, run_ladder(job, rungs, staged.path(), progress));
+  GNATHION_CHECK_OK(staged.commit());
+  const std::string text =
+      fmt::format("{} of {} pass\n{}  in {}\n", outcome.accepted, outcome.rungs, outcome.table, out);
+  return CommandOutput{text, outcome.report->dump(2, ' ', false, nlohmann::json::error_handler_t::replace),
+                       outcome.accepted < outcome.rungs};
+}
+
 void add_design(CLI::App& app, ChosenCommand& chosen) {
   struct Options {
     DesignJob job;
     std::string out, arch = "maxilla", pose = "mi";
     bool no_pictures = false;
     ParameterOptions parameters;
+    Ladder rungs;
   };
   auto o = std::make_shared<Options>();
   CLI::App* command =
@@ -73,22 +87,33 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
       ->capture_default_str();
   command->add_flag("--no-pictures", o->no_pictures, "leave the pictures out");
   add_parameter_options(*command, o->parameters);
-  finish_command(
-      *command, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
-        GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
-        GNATHION_TRY(o->job.edits, effective_edits(o->parameters));
-        o->job.arch = o->arch == "maxilla" ? Arch::kMaxilla : Arch::kMandible;
-        o->job.mandible_is_in_tp = o->pose == "tp";
-        o->job.pictures = !o->no_pictures;
-        std::vector<std::string> inputs = input_paths(o->job);
-        inputs.push_back(o->parameters.config);
-        GNATHION_CHECK_OK(keeps_inputs(o->out, inputs));
-        GNATHION_TRY(StagedDirectory staged,
-                     StagedDirectory::create(o->out, common.force, {"design.json", "feasibility.json"}));
-        GNATHION_TRY(const DesignOutcome outcome, run_design(o->job, staged.path(), progress));
-        GNATHION_CHECK_OK(staged.commit());
-        return design_output(outcome, o->out);
-      });
+  CLI::App* ladder = command->add_subcommand(
+      "ladder", "one splint for each engagement and gap, to find what a printer needs; options as of design");
+  ladder->fallthrough();
+  ladder->add_option("--engagement", o->rungs.engagement_mm, "r, mm, comma-separated")
+      ->delimiter(',')
+      ->capture_default_str();
+  ladder->add_option("--gap", o->rungs.gap_mm, "g, mm, comma-separated")
+      ->delimiter(',')
+      ->capture_default_str();
+  finish_command(*command, chosen,
+                 [o, ladder](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
+                   GNATHION_TRY(o->job.parameters, effective_parameters(o->parameters));
+                   GNATHION_TRY(o->job.edits, effective_edits(o->parameters));
+                   o->job.arch = o->arch == "maxilla" ? Arch::kMaxilla : Arch::kMandible;
+                   o->job.mandible_is_in_tp = o->pose == "tp";
+                   o->job.pictures = !o->no_pictures;
+                   std::vector<std::string> inputs = input_paths(o->job);
+                   inputs.push_back(o->parameters.config);
+                   GNATHION_CHECK_OK(keeps_inputs(o->out, inputs));
+                   if (ladder->parsed()) return design_ladder(o->job, o->rungs, o->out, common, progress);
+                   GNATHION_TRY(
+                       StagedDirectory staged,
+                       StagedDirectory::create(o->out, common.force, {"design.json", "feasibility.json"}));
+                   GNATHION_TRY(const DesignOutcome outcome, run_design(o->job, staged.path(), progress));
+                   GNATHION_CHECK_OK(staged.commit());
+                   return design_output(outcome, o->out);
+                 });
 }
 
 }  // namespace

@@ -152,6 +152,8 @@ std::vector<std::pair<std::string, std::string>> splint_metadata(const SplintDes
                                                                  const std::vector<InputRecord>& inputs) {
   std::vector<std::pair<std::string, std::string>> out;
   out.emplace_back("T_th", matrix_json(therapeutic.rigid.matrix()).dump());
+  out.emplace_back("arch", arch_name(design.worn_on));
+  out.emplace_back("edits", edits_json(design.edits).dump());
   out.emplace_back("parameters", parameters_json(design.parameters).dump());
   for (std::size_t i = 0; i < inputs.size(); ++i)
     out.emplace_back(fmt::format("input_{}", i + 1), inputs[i].path + " sha256:" + inputs[i].sha256);

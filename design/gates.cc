@@ -6,7 +6,7 @@ namespace {
 constexpr double kPenetrationMm = 0.02;
 constexpr double kExcursionMm = 0.15;  // the coarse sweep of the opposing arch is good to about 0.1
 constexpr double kSeatingMm = 0.02, kSeatingDeg = 0.05;
-constexpr double kInsertionToleranceMm = 0.02;  // as deep as surfaces at rest may be in each other
+constexpr double kInsertionToleranceMm = 0.05;  // the coarse sweep along a is good to about that
 constexpr double kUndercutMm = 0.05;            // of the imprint to the opening path
 constexpr double kWallToleranceMm = 0.02;       // of triangles at 0.1 mm voxels
 

@@ -6,6 +6,7 @@
 #include "core/mesh_io.h"
 #include "core/time.h"
 #include "design/write_3mf.h"
+#include "design/write_ply.h"
 #include "pipeline/dental_motion.h"
 #include "pipeline/nested_progress.h"
 #include "pipeline/pictures.h"
@@ -44,6 +45,8 @@ nlohmann::json refusal_json(const DesignJob& job, const DesignInputs& inputs, co
 Status write_splint(const SplintDesign& design, const DesignInputs& inputs, const fs::path& folder) {
   if (design.verdict != "pass") return write_mesh(folder / "splint.rejected.stl", design.splint);
   GNATHION_CHECK_OK(write_mesh(folder / "splint.stl", design.splint));
+  GNATHION_CHECK_OK(
+      write_splint_ply(folder / "splint.ply", {design.splint, design.thickness_mm, design.part}));
   return write_3mf(folder / "splint.3mf", design.splint,
                    splint_metadata(design, inputs.splint.therapeutic, inputs.files));
 }
