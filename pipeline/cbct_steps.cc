@@ -75,15 +75,28 @@ MandibleInScan find_mandible(const RegisteredVolume& volume, const TriangleMesh&
   return out;
 }
 
-/// Around where a condyle should be, and where this mandible had it: head, neck, and the fossa about it.
-JointRegion expected_region(const ArchFrame& frame, Side side, const Rigid3& cbct_from_dental,
-                            const Rigid3& cbct_from_mandible) {
-  const Vector3 centre = expected_condyle(frame, side);
-  JointRegion region;
+/// Around where a condyle should be, and where this mandible had it. Arches tell it within a centimetre or
+/// so: the head's top is looked for in a wide box, and the box is set about it.
+Result<JointRegion> found_region(const Volume& volume, double level, const ArchFrame& frame, Side side,
+                                 const Rigid3& cbct_from_dental, const Rigid3& cbct_from_mandible) {
+  const Vector3 centre = expected_condyle(frame, side), of_mandible = cbct_from_mandible * centre;
+  const Box whole = volume.grid.box_mm();
+  constexpr double kHeadMm = 8.0;
   for (const Rigid3& pose : {cbct_from_dental, cbct_from_mandible}) {
-    region.box_mm.extend(pose * centre - Vector3(17, 20, 16));
-    region.box_mm.extend(pose * centre + Vector3(17, 17, 14));
+    const Vector3 p = pose * centre;
+    if ((p - Vector3::Constant(kHeadMm) - whole.min_mm).minCoeff() < 0.0 ||
+        (whole.max_mm - Vector3::Constant(kHeadMm) - p).minCoeff() < 0.0)
+      return bad_input(kWhat, std::string(side_name(side)) + " joint",
+                       "the volume does not contain the joint: it ends before where the arch says it is");
   }
+  Box wide;
+  wide.extend((of_mandible - Vector3(22, 26, 26)).cwiseMax(whole.min_mm));
+  wide.extend((of_mandible + Vector3(22, 26, 24)).cwiseMin(whole.max_mm));
+  const Vector3 top =
+      condyle_top(volume, level, wide, of_mandible, 18.0).value_or(of_mandible + Vector3(0, 0, 5));
+  JointRegion region;  // as far as the volume goes: a head has room above its joints, a field of view may not
+  region.box_mm.extend((top - Vector3(17, 20, 20)).cwiseMax(whole.min_mm));
+  region.box_mm.extend((top + Vector3(17, 17, 10)).cwiseMin(whole.max_mm));
   return region;
 }
 
@@ -98,9 +111,13 @@ class JointFinder {
 
   Result<Joint> find(Side side, std::vector<std::string>& warnings) const {
     const auto& given = side == Side::kLeft ? options_.left : options_.right;
-    const JointRegion region =
-        given ? *given
-              : expected_region(frame_, side, volume_.cbct_from_dental.rigid, mandible_.cbct_from_mandible);
+    JointRegion region;
+    if (given) {
+      region = *given;
+    } else {
+      GNATHION_TRY(region, found_region(volume_.file.volume, level_, frame_, side,
+                                        volume_.cbct_from_dental.rigid, mandible_.cbct_from_mandible));
+    }
     GNATHION_TRY(const JointSurfaces s, surfaces(side, region, warnings));
     Joint joint;
     joint.side = side;

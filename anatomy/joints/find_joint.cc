@@ -58,6 +58,18 @@ std::int32_t part_at(const Volume& region, const VoxelParts& parts, const Vector
   return best;
 }
 
+/// The greatest z of each part.
+std::vector<double> highest_of(const Volume& region, const VoxelParts& parts) {
+  std::vector<double> z(parts.voxels.size(), -1e300);
+  for (int k = 0; k < region.grid.size[2]; ++k)
+    for (int j = 0; j < region.grid.size[1]; ++j)
+      for (int i = 0; i < region.grid.size[0]; ++i) {
+        double& most = z[static_cast<std::size_t>(parts.part[region.grid.index(i, j, k)])];
+        most = std::max(most, region.grid.frame_from_voxel(Vector3(i, j, k)).z());
+      }
+  return z;
+}
+
 struct Chosen {
   std::int32_t condyle = 0, fossa = 0;
 };
@@ -67,10 +79,13 @@ Chosen choose_parts(const Volume& region, const VoxelParts& parts, const JointRe
   const auto least = static_cast<std::size_t>(kLeastBoneMm3 / region.grid.voxel_mm3());
   Chosen c;
   std::size_t most_condyle = least, most_fossa = least;
-  for (std::size_t p = 1; p < parts.voxels.size(); ++p) {
+  for (std::size_t p = 1; p < parts.voxels.size(); ++p)
     if (bottom[p] && !top[p] && parts.voxels[p] > most_condyle)
       most_condyle = parts.voxels[p], c.condyle = static_cast<std::int32_t>(p);
-    if (top[p] && parts.voxels[p] > most_fossa)
+  const std::vector<double> heights = highest_of(region, parts);
+  for (std::size_t p = 1; p < parts.voxels.size(); ++p) {
+    const bool above = c.condyle == 0 ? top[p] : heights[p] > heights[static_cast<std::size_t>(c.condyle)];
+    if (static_cast<std::int32_t>(p) != c.condyle && above && parts.voxels[p] > most_fossa)
       most_fossa = parts.voxels[p], c.fossa = static_cast<std::int32_t>(p);
   }
   if (where.condyle_seed_mm) c.condyle = part_at(region, parts, *where.condyle_seed_mm);
@@ -152,7 +167,47 @@ std::string cut_side(const VoxelGrid& grid, const Box& box) {
   return "";
 }
 
+/// The bones of a joint as parts. Where cartilage is thin, partial volume bridges the joint. Denser cores
+/// part it: the lowest level that does.
+struct Parted {
+  VoxelParts parts;
+  Chosen chosen;
+  bool bridged = false;
+};
+std::optional<Parted> part_bones(const Volume& region, double threshold, const Sides& sides,
+                                 const JointRegion& where) {
+  constexpr int kSteps = 8;
+  for (int step = 0; step < kSteps; ++step) {
+    Parted out;
+    out.parts = parts_above(region, threshold + step * 0.1 * (sides.hard - threshold));
+    if (out.parts.voxels.size() < 2) return {};
+    out.chosen = choose_parts(region, out.parts, where);
+    if (out.chosen.condyle == 0 || out.chosen.fossa == 0 || out.chosen.condyle == out.chosen.fossa) continue;
+    out.bridged = step > 0;
+    if (out.bridged) grow_parts(region, threshold, out.parts);
+    return out;
+  }
+  return {};
+}
+
 }  // namespace
+
+std::optional<Vector3> condyle_top(const Volume& volume, double threshold, const Box& search_mm,
+                                   const Vector3& expected_mm, double across_mm) {
+  const Volume region = cropped(volume, search_mm);
+  if (region.empty()) return {};
+  const auto parted = part_bones(region, threshold, sides_of(region, threshold), {search_mm, {}, {}});
+  if (!parted) return {};
+  std::optional<Vector3> top;
+  for (int k = 0; k < region.grid.size[2]; ++k)
+    for (int j = 0; j < region.grid.size[1]; ++j)
+      for (int i = 0; i < region.grid.size[0]; ++i) {
+        if (parted->parts.part[region.grid.index(i, j, k)] != parted->chosen.condyle) continue;
+        const Vector3 p = region.grid.frame_from_voxel(Vector3(i, j, k));
+        if ((p - expected_mm).head<2>().norm() < across_mm && (!top || p.z() > top->z())) top = p;
+      }
+  return top;
+}
 
 Result<JointSurfaces> find_joint(const Volume& volume, double threshold, const JointRegion& where,
                                  const std::string& name) {
@@ -162,24 +217,16 @@ Result<JointSurfaces> find_joint(const Volume& volume, double threshold, const J
   const Volume region = cropped(volume, where.box_mm);
   if (region.empty()) return bad_input(kWhat, name, "its box holds no voxels");
   const Sides sides = sides_of(region, threshold);
-  // Where cartilage is thin, partial volume bridges the joint. Denser cores part it: the lowest level that
-  // does.
-  constexpr int kSteps = 8;
-  bool any_bone = false;
-  for (int step = 0; step < kSteps; ++step) {
-    const double level = threshold + step * 0.1 * (sides.hard - threshold);
-    VoxelParts parts = parts_above(region, level);
-    const Chosen chosen = choose_parts(region, parts, where);
-    any_bone = any_bone || parts.voxels.size() > 1;
-    if (chosen.condyle == 0 || chosen.fossa == 0 || chosen.condyle == chosen.fossa) continue;
-    if (step > 0) grow_parts(region, threshold, parts);
+  const std::optional<Parted> parted = part_bones(region, threshold, sides, where);
+  if (parted) {
     JointSurfaces out;
-    out.condyle = outer_surface(region, parts, chosen.condyle, threshold, sides);
-    out.fossa = lower_side(outer_surface(region, parts, chosen.fossa, threshold, sides));
-    out.bridged = step > 0;
-    if (out.condyle.empty() || out.fossa.empty()) break;
-    return out;
+    out.condyle = outer_surface(region, parted->parts, parted->chosen.condyle, threshold, sides);
+    out.fossa = lower_side(outer_surface(region, parted->parts, parted->chosen.fossa, threshold, sides));
+    out.bridged = parted->bridged;
+    if (!out.condyle.empty() && !out.fossa.empty()) return out;
   }
+  bool any_bone = false;
+  for (std::size_t v = 0; v < region.grid.count() && !any_bone; ++v) any_bone = region.value(v) >= threshold;
   if (!any_bone)
     return bad_input(
         kWhat, name,

@@ -65,6 +65,10 @@ struct JointSurfaces {
 /// fossa are one piece at this threshold.
 Result<JointSurfaces> find_joint(const Volume& volume, double threshold, const JointRegion& region,
                                  const std::string& name);
+/// The top of the condyle's head: the highest bone of the mandible in the box within `across_mm` of where the
+/// head is expected. Nothing where the bones cannot be told apart.
+std::optional<Vector3> condyle_top(const Volume& volume, double threshold, const Box& search_mm,
+                                   const Vector3& expected_mm, double across_mm);
 /// From a label map: the outlines of all voxels with one of the labels, within the box if it is given.
 Result<TriangleMesh> surface_of_labels(const Volume& labels, const std::vector<int>& which,
                                        const std::optional<Box>& box_mm, const std::string& name);
