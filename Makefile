@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording accuracy fuzz asan tsan tidy campaign campaign-chain format clean
+.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-chain campaign-daemon package format clean
 
 all: build
 
@@ -34,6 +34,14 @@ bench-recording: build
 	@$(BIN)/recording_campaign $(BUILD)/recording_campaign.mcap; rm -f $(BUILD)/recording_campaign.mcap
 	@$(BIN)/recording_kill_test 100
 
+# The viewer on the demo case: pictures of the handbook; opening, frame rate and pauses (docs/viewer.md).
+VIEWER_TOUR := xvfb-run -a -s "-screen 0 1920x1080x24" $(BIN)/viewer_tour
+screenshots: demo
+	@cmake --build $(BUILD) -j $(JOBS) --target viewer_tour && $(VIEWER_TOUR) demo --pictures docs/pictures
+
+bench-viewer: demo
+	@cmake --build $(BUILD) -j $(JOBS) --target viewer_tour && $(VIEWER_TOUR) demo --bench
+
 # Corners, poses, speed and latency beside libapriltag, ArUco and solvePnP: the tables of docs/accuracy.md.
 accuracy: build
 	@$(BIN)/accuracy
@@ -55,6 +63,14 @@ campaign-chain: build
 	@$(BIN)/chain_campaign --seeds $(SEEDS) --anatomies 10 && $(BIN)/chain_campaign --seeds 50 --anatomies 5 --open
 	@$(BIN)/chain_campaign --seeds 50 --anatomies 5 --repeats 2
 	@$(BIN)/scans_campaign --cases 500 && $(BIN)/scans_campaign --cases 60 --tissue 0.3 --missing 2 --coarse 1.0
+
+# The daemon's long forms: latency, 10,000 calls, 200 kills, a day of poses.
+campaign-daemon: build
+	@$(BIN)/daemon_campaign all
+
+# A Debian package: build/release/gnathion_*.deb
+package: build
+	@cd $(BUILD) && cpack -G DEB
 
 asan tsan: deps
 	@cmake --preset $@ > /dev/null && cmake --build build/$@ -j $(JOBS) && ctest --test-dir build/$@ --output-on-failure
