@@ -9,19 +9,16 @@
 #include <atomic>
 #include <csignal>
 #include <nlohmann/json.hpp>
-#include <regex>
 #include <set>
 
-#include "acquisition/camera/camera_identity.h"
 #include "acquisition/scanner/scan_devices.h"
 #include "acquisition/session.h"
-#include "core/file.h"
+#include "pipeline/capture_setup.h"
 #include "pipeline/version.h"
 
 namespace gnathion {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 std::atomic<bool> asked_to_end{false};
@@ -64,99 +61,14 @@ void say(const std::string& line) {
   fmt::print(stderr, "gnathion: {}\n", line);
 }
 
-/// "rtsp://user:secret@host" without the secret: recordings are given away.
-std::string without_passwords(const std::string& text) {
-  static const std::regex password("(://[^\\s:/@\"']*):[^\\s/@\"']+@");
-  return std::regex_replace(text, password, "$1:***@");
-}
-
-Status attach_file(const fs::path& path, std::map<std::string, std::string>& attachments) {
-  GNATHION_TRY(std::string bytes, read_file(path));
-  if (path.extension() == ".toml") bytes = without_passwords(bytes);
-  const auto [known, added] = attachments.try_emplace(path.filename().string(), bytes);
-  if (!added && known->second != bytes)
-    return fail(ErrorCode::kUsage, "cannot attach", path.string(),
-                "another attached file has that name; rename one of them");
-  return {};
-}
-
-/// Calibration files are settings that name an existing file of one of these kinds.
-Status attach_files_of(const DeviceConfig& config, std::map<std::string, std::string>& attachments) {
-  static const std::set<std::string> kinds = {".toml", ".json", ".yaml", ".yml", ".xml"};
-  for (const auto& [key, value] : config.settings) {
-    const auto* text = std::get_if<std::string>(&value);
-    if (!text) continue;
-    const fs::path path = fs::path(*text).is_absolute() ? fs::path(*text) : config.folder / *text;
-    std::error_code ec;
-    if (kinds.count(path.extension().string()) && fs::is_regular_file(path, ec))
-      GNATHION_CHECK_OK(attach_file(path, attachments));
-  }
-  return {};
-}
-
 /// One line for each device that cannot be opened; the others are what is recorded.
-std::vector<std::unique_ptr<Device>> open_devices(const std::vector<DeviceConfig>& configs, Clock& clock,
-                                                  bool quiet) {
-  std::vector<std::unique_ptr<Device>> devices;
-  std::vector<DeviceDescription> cameras;
-  const auto twice = cameras_named_twice(configs);
-  for (std::size_t i = 0; i < configs.size(); ++i) {
-    const DeviceConfig& config = configs[i];
-    if (twice[i]) {
-      say(twice[i]->line());
-      continue;
-    }
-    auto device = open_device(config, clock);
-    if (!device) {
-      say(device.error().line());
-      continue;
-    }
-    // Webcams of a model often share one serial; their nodes tell them apart.
-    if (config.kind == "aravis") {
-      const DeviceDescription camera = (*device)->description();
-      if (const auto same = same_serial(camera, cameras)) {
-        say(same->line());
-        continue;
-      }
-      cameras.push_back(camera);
-    }
-    if (!quiet)
-      for (const std::string& warning : (*device)->description().warnings)
-        say(fmt::format("warning: {}: {}", config.stream, warning));
-    devices.push_back(std::move(*device));
-  }
-  return devices;
-}
-
-/// Cameras with one `rig` are watched for frames of one instant: `rig_tolerance_ms` (4), `rig_time` = "host"
-/// or "device" of its first camera. The keys are taken out: the devices do not know them.
-Result<std::vector<RigOptions>> take_rigs(std::vector<DeviceConfig>& configs) {
-  std::vector<RigOptions> rigs;
-  for (DeviceConfig& config : configs) {
-    if (config.kind != "camera" && config.kind != "aravis") continue;
-    DeviceConfig own = config;
-    std::erase_if(own.settings, [](const auto& entry) { return entry.first.rfind("rig", 0) != 0; });
-    std::erase_if(config.settings, [&](const auto& entry) { return own.settings.count(entry.first) > 0; });
-    SettingsReader reader(own);
-    const std::string name = reader.text("rig").value_or("");
-    const double tolerance_ms = reader.number_in("rig_tolerance_ms", 0.01, 100.0, 4.0);
-    const std::string time = reader.choice("rig_time", {"host", "device"}, "host");
-    GNATHION_CHECK_OK(reader.finish());
-    if (name.empty()) continue;
-    auto rig = std::find_if(rigs.begin(), rigs.end(), [&](const RigOptions& r) { return r.name == name; });
-    if (rig == rigs.end()) {
-      rigs.push_back({name, {}});
-      rig = rigs.end() - 1;
-      rig->sync.tolerance_ns = static_cast<std::int64_t>(1e6 * tolerance_ms);
-      using TimeBase = RigSyncOptions::TimeBase;
-      rig->sync.time_base = time == "device" ? TimeBase::kDeviceTime : TimeBase::kHostCapture;
-    }
-    rig->sync.streams.push_back(config.stream);
-  }
-  for (const RigOptions& rig : rigs)
-    if (rig.sync.streams.size() < 2)
-      return bad_input("cannot configure rig", rig.name, "has one camera; frames come in sets from two on");
-  return rigs;
+std::vector<std::unique_ptr<Device>> open_and_tell(const std::vector<DeviceConfig>& configs, Clock& clock,
+                                                   bool quiet) {
+  OpenedDevices opened = open_devices(configs, clock);
+  for (const std::string& failure : opened.failures) say(failure);
+  if (!quiet)
+    for (const std::string& warning : opened.warnings) say(warning);
+  return std::move(opened.devices);
 }
 
 std::uint64_t sum_of(const std::map<std::string, std::uint64_t>& by_reason) {
@@ -273,17 +185,16 @@ Result<CommandOutput> capture(const CaptureOptions& o, const CommonOptions& comm
   std::vector<std::string> inputs = o.attach;
   inputs.push_back(o.devices);
   GNATHION_CHECK_OK(may_write(o.out, common, inputs));
-  GNATHION_TRY(std::vector<DeviceConfig> configs, read_device_configs(o.devices));
+  GNATHION_TRY(CaptureSetup setup, read_capture_setup(o.devices));
   SessionOptions options;
-  GNATHION_TRY(options.rigs, take_rigs(configs));
+  options.rigs = std::move(setup.rigs);
+  options.attachments = std::move(setup.attachments);
   options.software_version = kVersion;
-  GNATHION_CHECK_OK(attach_file(o.devices, options.attachments));
-  for (const DeviceConfig& config : configs) GNATHION_CHECK_OK(attach_files_of(config, options.attachments));
   for (const std::string& file : o.attach) GNATHION_CHECK_OK(attach_file(file, options.attachments));
 
   const CaptureSignals signals;
   SystemClock clock;
-  std::vector<std::unique_ptr<Device>> devices = open_devices(configs, clock, common.quiet);
+  std::vector<std::unique_ptr<Device>> devices = open_and_tell(setup.configs, clock, common.quiet);
   if (devices.empty()) return bad_input("cannot record", o.devices, "none of its devices could be opened");
   const auto scanners = those_that<ScanOnRequest>(devices);
   const auto remembering = those_that<RemembersScans>(devices);

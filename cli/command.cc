@@ -95,6 +95,7 @@ int run_command_line(int argc, char** argv) {
   add_bow_commands(app, chosen);
   add_evaluate_commands(app, chosen);
   add_motion_commands(app, chosen);
+  add_daemon_commands(app, chosen);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -66,6 +66,7 @@ void add_position_commands(CLI::App& evaluate, ChosenCommand& chosen);      // u
 void add_print_commands(CLI::App& app, ChosenCommand& chosen);   // print prepare
 void add_motion_commands(CLI::App& app, ChosenCommand& chosen);             // track, motion analyse
 void add_calibrate_sensor_command(CLI::App& calibrate, ChosenCommand& chosen);  // under calibrate
+void add_daemon_commands(CLI::App& app, ChosenCommand& chosen);  // devices, capture, mark, live, jobs, cases, audit show
 
 /// Refuses (kUsage) an output file that exists unless forced, whose folder does not exist, or that is one of
 /// the `inputs`, forced or not.

@@ -1,16 +1,33 @@
 #include "cli/terminal_progress.h"
 
 #include <fmt/format.h>
+#include <signal.h>
+#include <sys/prctl.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 
 namespace gnathion {
+namespace {
+
+/// -1: none.
+int progress_fd() {
+  const char* text = std::getenv("GNATHION_PROGRESS_FD");
+  return text && *text ? std::atoi(text) : -1;
+}
+
+}  // namespace
 
 TerminalProgress::Mode progress_mode(bool quiet) {
+  if (progress_fd() > STDERR_FILENO) return TerminalProgress::Mode::kPipe;
   if (quiet || !::isatty(STDERR_FILENO)) return TerminalProgress::Mode::kSilent;
   return TerminalProgress::Mode::kBar;
+}
+
+void end_with_the_daemon() {
+  if (progress_fd() > STDERR_FILENO) ::prctl(PR_SET_PDEATHSIG, SIGKILL);
 }
 
 TerminalProgress::~TerminalProgress() {
@@ -24,7 +41,14 @@ void TerminalProgress::begin_step(std::string_view name, double share) {
   step_ = name;
   last_percent_ = -1;
   step_time_.restart();
+  if (mode_ == Mode::kPipe) send(fmt::format("S {:.6f} {}\n", share, name));
   draw(0);
+}
+
+/// One write a line, far shorter than PIPE_BUF: lines are never torn. Whoever reads too slowly is not waited
+/// for long, because the daemon's pipe holds thousands of them.
+void TerminalProgress::send(const std::string& line) const {
+  [[maybe_unused]] const ssize_t sent = ::write(progress_fd(), line.data(), line.size());
 }
 
 void TerminalProgress::update(double fraction) {
@@ -32,11 +56,15 @@ void TerminalProgress::update(double fraction) {
 }
 
 void TerminalProgress::draw(double fraction) {
-  if (mode_ != Mode::kBar || step_.empty()) return;
+  if (mode_ == Mode::kSilent || step_.empty()) return;
   const double all = std::min(1.0, done_ + share_ * fraction);
   const int percent = static_cast<int>(100 * all);
   if (percent == last_percent_) return;
   last_percent_ = percent;
+  if (mode_ == Mode::kPipe) {
+    send(fmt::format("U {:.4f}\n", fraction));
+    return;
+  }
   constexpr int kWidth = 30;
   const int filled = static_cast<int>(kWidth * all);
   fmt::print(stderr, "\r\033[K[{}{}] {:3d} %  {}", std::string(static_cast<std::size_t>(filled), '#'),
@@ -47,7 +75,7 @@ void TerminalProgress::draw(double fraction) {
 void TerminalProgress::finish_step() {
   if (step_.empty()) return;
   if (mode_ == Mode::kBar) fmt::print(stderr, "\r\033[K");
-  if (mode_ != Mode::kSilent) fmt::print(stderr, "  {:<46} {:6.1f} s\n", step_, step_time_.seconds());
+  if (mode_ == Mode::kBar) fmt::print(stderr, "  {:<46} {:6.1f} s\n", step_, step_time_.seconds());
   std::fflush(stderr);
   step_.clear();
 }

@@ -143,7 +143,7 @@ struct Case {
 };
 struct AuditLine {
   std::uint64_t number = 0;
-  HostTime time;
+  std::string time;  ///< UTC
   std::string who, action, case_id, detail;
 };
 struct Health {
@@ -181,6 +181,7 @@ class DaemonClient {
   virtual Result<Session> arm(const std::string& case_id) = 0;
   virtual Result<Session> start(const std::string& recording_name = {}) = 0;
   virtual Result<HostTime> mark(const std::string& kind, const std::string& text = {}) = 0;
+  virtual Result<int> request_scan() = 0;  ///< how many scanners were asked
   virtual Result<Session> stop() = 0;
   virtual Result<Session> disarm() = 0;
 

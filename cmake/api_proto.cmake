@@ -11,6 +11,7 @@ foreach(name ${api_names})
       --plugin=protoc-gen-grpc=$<TARGET_FILE:gRPC::grpc_cpp_plugin> -I ${CMAKE_SOURCE_DIR}/proto ${proto}
     DEPENDS ${CMAKE_SOURCE_DIR}/proto/${proto} VERBATIM)
   list(APPEND api_sources ${stem}.pb.cc ${stem}.grpc.pb.cc)
+  set_source_files_properties(${stem}.pb.cc PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 endforeach()
 add_library(gn_api STATIC ${api_sources})
 target_link_libraries(gn_api PUBLIC gn_proto gRPC::grpc++)

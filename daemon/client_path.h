@@ -1,0 +1,17 @@
+// Paths that clients give, inside one case's folder.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "daemon/api_error.h"
+#include "pipeline/case_path.h"
+
+namespace gnathion::daemon {
+
+/// `given` is relative to the case's folder. kPermissionDenied: what leaves it, by "..", from the root or
+/// through a link; kNotFound: what is not there; kInvalidArgument: what is no path.
+ApiResult<std::filesystem::path> path_in_case(const CaseRoot& root, const std::filesystem::path& case_folder,
+                                              const std::string& given, PathUse use);
+
+}  // namespace gnathion::daemon

@@ -1,0 +1,110 @@
+#include "daemon/recording_place.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "acquisition/recording.h"
+#include "core/file.h"
+#include "daemon/session_control.h"
+
+namespace gnathion::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path note_file(const DaemonConfig& config) {
+  return config.state / "running_recording.json";
+}
+
+bool is_recording_name(const std::string& name) {
+  return !name.empty() && name.size() <= 64 && std::all_of(name.begin(), name.end(), [](unsigned char c) {
+    return std::isalnum(c) || c == '_' || c == '-';
+  });
+}
+
+/// The number after the highest there is: a name is never used twice.
+std::string next_name(const fs::path& folder) {
+  int last = 0;
+  std::error_code ec;
+  for (const auto& entry : fs::directory_iterator(folder, ec)) {
+    const std::string stem = entry.path().stem().string();
+    if (stem.rfind("recording_", 0) == 0) last = std::max(last, std::atoi(stem.c_str() + 10));
+  }
+  return fmt::format("recording_{:03d}", last + 1);
+}
+
+}  // namespace
+
+ApiResult<RecordingPlace> place_for_recording(const CaseRoot& root, const std::string& case_id,
+                                              const std::string& name) {
+  if (!name.empty() && !is_recording_name(name))
+    return refuse(
+        ApiCode::kInvalidArgument,
+        "a recording's name is 1 to 64 letters, digits, '_' or '-'; leave it empty to have one made");
+  const auto folder = root.case_folder(case_id);
+  if (!folder) return refuse(ApiCode::kNotFound, folder.error().line());
+  std::error_code ec;
+  fs::create_directory(*folder / "recordings", ec);
+  const auto recordings = root.resolve((*folder / "recordings").string());
+  if (!recordings) return refuse(ApiCode::kPermissionDenied, recordings.error().line());
+  RecordingPlace place;
+  place.inside_case = fmt::format("recordings/{}.mcap", name.empty() ? next_name(*recordings) : name);
+  const auto file = root.resolve((*folder / place.inside_case).string(), PathUse::kNew);
+  if (!file) return refuse(ApiCode::kPermissionDenied, file.error().line());
+  if (fs::exists(*file, ec))
+    return refuse(ApiCode::kAlreadyExists,
+                  fmt::format("{} is there already: choose another name", place.inside_case));
+  place.file = *file;
+  return place;
+}
+
+Status note_running_recording(const DaemonConfig& config, const CaseRoot& root, const fs::path& file) {
+  const nlohmann::json note = {{"recording", fs::relative(file, root.path()).string()}};
+  return write_file(note_file(config), note.dump() + "\n");
+}
+
+void forget_running_recording(const DaemonConfig& config) {
+  std::error_code ec;
+  fs::remove(note_file(config), ec);
+}
+
+std::vector<std::string> recover_after_crash(const DaemonConfig& config, const CaseRoot& root) {
+  std::error_code ec;
+  const auto text = read_file(note_file(config));
+  if (!text) return {};
+  const auto note = nlohmann::json::parse(*text, nullptr, false);
+  if (!note.is_object() || !note.contains("recording") || !note["recording"].is_string()) {
+    forget_running_recording(config);
+    return {
+        "the note of a running recording cannot be read; `gnathion recording verify` shows what is whole"};
+  }
+  const std::string shown = note["recording"].get<std::string>();
+  const auto file = root.resolve(shown);
+  if (!file) {  // the crash came before the file was made
+    forget_running_recording(config);
+    return {};
+  }
+  const auto found = summarise_recording(*file);
+  if (found && found->whole) {
+    forget_running_recording(config);
+    return {shown + " was complete when the daemon was killed"};
+  }
+  const fs::path whole = file->string() + ".recovered";
+  fs::remove(whole, ec);
+  const auto lost = recover_recording(*file, whole);
+  if (!lost) {  // nothing in it: cut off before its first chunk
+    fs::remove(whole, ec);
+    if (fs::file_size(*file, ec) < 4096) fs::remove(*file, ec);
+    forget_running_recording(config);
+    return {fmt::format("{} cannot be recovered: {}", shown, lost.error().line())};
+  }
+  fs::rename(whole, *file, ec);
+  if (ec) return {fmt::format("{} cannot be replaced by what was recovered: {}", shown, ec.message())};
+  forget_running_recording(config);
+  return {
+      fmt::format("{} was cut off and has been recovered; {} samples are known to be missing", shown, *lost)};
+}
+
+}  // namespace gnathion::daemon

@@ -1,0 +1,27 @@
+// Where a recording goes, and how it is found again after a crash.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "daemon/api_error.h"
+#include "daemon/config.h"
+#include "pipeline/case_path.h"
+
+namespace gnathion::daemon {
+
+struct RecordingPlace {
+  std::filesystem::path file;
+  std::string inside_case;  ///< "recordings/recording_001.mcap"
+};
+
+/// Makes CASE/recordings if need be. An empty name: the next "recording_NNN".
+ApiResult<RecordingPlace> place_for_recording(const CaseRoot& root, const std::string& case_id,
+                                              const std::string& name);
+
+/// A note in the state folder that this file is being written: after a crash it is there.
+Status note_running_recording(const DaemonConfig& config, const CaseRoot& root,
+                              const std::filesystem::path& file);
+void forget_running_recording(const DaemonConfig& config);
+
+}  // namespace gnathion::daemon
