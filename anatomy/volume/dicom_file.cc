@@ -1,25 +1,21 @@
 #include "anatomy/volume/dicom_file.h"
 
 #include <fmt/format.h>
-#include <gdcmDataSet.h>
 #include <gdcmImageReader.h>
-#include <gdcmReader.h>
-#include <gdcmSequenceOfItems.h>
 #include <gdcmTrace.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cstring>
 #include <map>
 #include <optional>
 #include <sstream>
 
+#include "anatomy/volume/dicom_tree.h"
 #include "anatomy/volume/volume_checks.h"
 
 namespace gnathion {
 namespace {
-
-using gdcm::DataSet;
-using gdcm::Tag;
 
 /// GDCM tells what it dislikes on stderr, from anywhere; here errors are values.
 void silence() {
@@ -32,26 +28,27 @@ void silence() {
   (void)once;
 }
 
-const gdcm::ByteValue* bytes_of(const DataSet& ds, const Tag& tag) {
-  return ds.FindDataElement(tag) ? ds.GetDataElement(tag).GetByteValue() : nullptr;
+/// A file's elements and their byte order.
+struct DataSet {
+  const DicomNode* node;
+  bool big_endian;
+};
+
+std::string text(const DataSet& ds, std::uint32_t group, std::uint32_t element) {
+  const DicomNode::Element* found = ds.node->find(group, element);
+  if (found == nullptr) return "";
+  const std::string_view value = found->value.substr(0, 4096);
+  const std::size_t first = value.find_first_not_of(' ');
+  const std::size_t last = value.find_last_not_of(std::string_view(" \0", 2));
+  if (first == std::string_view::npos || last == std::string_view::npos || last < first) return "";
+  return std::string(value.substr(first, last - first + 1));
 }
 
-std::string text(const DataSet& ds, std::uint16_t group, std::uint16_t element) {
-  const gdcm::ByteValue* value = bytes_of(ds, Tag(group, element));
-  if (value == nullptr || value->GetPointer() == nullptr) return "";
-  std::string out(value->GetPointer(), std::min<std::size_t>(value->GetLength(), 4096));
-  const std::size_t last = out.find_last_not_of(std::string_view(" \0", 2));
-  out.resize(last == std::string::npos ? 0 : last + 1);
-  const std::size_t first = out.find_first_not_of(' ');
-  return first == std::string::npos ? "" : out.substr(first);
-}
-
-std::optional<int> us(const DataSet& ds, std::uint16_t group, std::uint16_t element) {
-  const gdcm::ByteValue* value = bytes_of(ds, Tag(group, element));
-  if (value == nullptr || value->GetPointer() == nullptr || value->GetLength() < 2) return {};
-  std::uint16_t number;  // GDCM has brought it to this machine's byte order
-  std::memcpy(&number, value->GetPointer(), 2);
-  return number;
+std::optional<int> us(const DataSet& ds, std::uint32_t group, std::uint32_t element) {
+  const DicomNode::Element* found = ds.node->find(group, element);
+  if (found == nullptr || found->value.size() < 2) return {};
+  const auto a = static_cast<unsigned char>(found->value[0]), b = static_cast<unsigned char>(found->value[1]);
+  return ds.big_endian ? a << 8 | b : b << 8 | a;
 }
 
 /// Decimal strings "0.3\0.3"; nothing unless there are exactly `count` finite ones.
@@ -72,14 +69,12 @@ std::optional<std::vector<double>> decimals(const DataSet& ds, std::uint16_t gro
   return out;
 }
 
-/// The data set of a sequence's item; nothing if it is not there. `keep` owns it.
-const DataSet* item(const DataSet& ds, std::uint16_t group, std::uint16_t element, std::size_t index,
-                    gdcm::SmartPointer<gdcm::SequenceOfItems>& keep) {
-  const Tag tag(group, element);
-  if (!ds.FindDataElement(tag)) return nullptr;
-  keep = ds.GetDataElement(tag).GetValueAsSQ();
-  if (!keep || keep->GetNumberOfItems() <= index) return nullptr;
-  return &keep->GetItem(index + 1).GetNestedDataSet();
+/// The data set of a sequence's item; nothing if it is not there.
+std::optional<DataSet> item(const DataSet& ds, std::uint32_t group, std::uint32_t element,
+                            std::size_t index) {
+  const DicomNode::Element* found = ds.node->find(group, element);
+  if (found == nullptr || index >= found->items.size()) return {};
+  return DataSet{&found->items[index], ds.big_endian};
 }
 
 void read_place(const DataSet& position, const DataSet& orientation, const DataSet& measures,
@@ -107,23 +102,18 @@ void read_scale(const DataSet& ds, DicomPlane& plane) {
 
 /// Enhanced multi-frame: each frame's place is in its functional groups, or in the shared ones.
 void read_functional_groups(const DataSet& ds, std::vector<DicomPlane>& planes) {
-  gdcm::SmartPointer<gdcm::SequenceOfItems> keep_shared, keep_frames;
-  const DataSet* shared = item(ds, 0x5200, 0x9229, 0, keep_shared);
+  const auto shared = item(ds, 0x5200, 0x9229, 0);
   for (std::size_t f = 0; f < planes.size(); ++f) {
-    const DataSet* own = item(ds, 0x5200, 0x9230, f, keep_frames);
-    const auto find = [&](std::uint16_t element, std::uint16_t group,
-                          gdcm::SmartPointer<gdcm::SequenceOfItems>& keep) -> const DataSet* {
-      const DataSet* found = own != nullptr ? item(*own, group, element, 0, keep) : nullptr;
-      if (found == nullptr && shared != nullptr) found = item(*shared, group, element, 0, keep);
+    const auto own = item(ds, 0x5200, 0x9230, f);
+    const auto find = [&](std::uint32_t group, std::uint32_t element) {
+      std::optional<DataSet> found = own ? item(*own, group, element, 0) : std::nullopt;
+      if (!found && shared) found = item(*shared, group, element, 0);
       return found;
     };
-    gdcm::SmartPointer<gdcm::SequenceOfItems> a, b, c, d;
-    const DataSet* position = find(0x9113, 0x0020, a);
-    const DataSet* orientation = find(0x9116, 0x0020, b);
-    const DataSet* measures = find(0x9110, 0x0028, c);
-    if (position != nullptr && orientation != nullptr && measures != nullptr)
-      read_place(*position, *orientation, *measures, planes[f]);
-    if (const DataSet* scale = find(0x9145, 0x0028, d)) read_scale(*scale, planes[f]);
+    const auto position = find(0x0020, 0x9113), orientation = find(0x0020, 0x9116),
+               measures = find(0x0028, 0x9110);
+    if (position && orientation && measures) read_place(*position, *orientation, *measures, planes[f]);
+    if (const auto scale = find(0x0028, 0x9145)) read_scale(*scale, planes[f]);
   }
 }
 
@@ -145,12 +135,15 @@ void read_identity(const DataSet& ds, DicomHeader& h) {
   h.patient_birth_date = text(ds, 0x0010, 0x0030);
 }
 
-Result<DicomHeader> header_of(const gdcm::Reader& reader, const std::string& name, bool has_pixels) {
-  const DataSet& ds = reader.GetFile().GetDataSet();
+Result<DicomHeader> header_of(const DicomTree& tree, const std::string& name) {
+  const DataSet ds{&tree.root, tree.big_endian};
+  const auto has = [&](std::uint32_t group, std::uint32_t element) {
+    return tree.root.find(group, element) != nullptr;
+  };
   DicomHeader h;
   h.name = name;
   read_identity(ds, h);
-  h.transfer_syntax = text(reader.GetFile().GetHeader(), 0x0002, 0x0010);
+  h.transfer_syntax = tree.transfer_syntax;
   h.photometric = text(ds, 0x0028, 0x0004);
   h.rows = us(ds, 0x0028, 0x0010).value_or(0);
   h.columns = us(ds, 0x0028, 0x0011).value_or(0);
@@ -159,9 +152,9 @@ Result<DicomHeader> header_of(const gdcm::Reader& reader, const std::string& nam
   h.samples = us(ds, 0x0028, 0x0002).value_or(1);
   h.is_signed = us(ds, 0x0028, 0x0103).value_or(0) == 1;
   h.lossy = text(ds, 0x0028, 0x2110) == "01";
-  h.encrypted_attributes = ds.FindDataElement(Tag(0x0400, 0x0500));
-  h.modality_lut = ds.FindDataElement(Tag(0x0028, 0x3000));
-  h.has_pixels = has_pixels && h.rows > 0 && h.columns > 0;
+  h.encrypted_attributes = has(0x0400, 0x0500);
+  h.modality_lut = has(0x0028, 0x3000);
+  h.has_pixels = has(0x7fe0, 0x0010) && h.rows > 0 && h.columns > 0;
   if (const auto tilt = decimals(ds, 0x0018, 0x1120, 1)) h.tilt_deg = (*tilt)[0];
   double frames = 1.0;
   if (const auto n = decimals(ds, 0x0028, 0x0008, 1)) frames = (*n)[0];
@@ -169,7 +162,7 @@ Result<DicomHeader> header_of(const gdcm::Reader& reader, const std::string& nam
     return bad_input(kReadVolume, name, fmt::format("{:.0f} frames in one file", frames));
   h.planes.resize(static_cast<std::size_t>(frames));
   for (DicomPlane& plane : h.planes) read_scale(ds, plane);
-  if (ds.FindDataElement(Tag(0x5200, 0x9230)) || ds.FindDataElement(Tag(0x5200, 0x9229)))
+  if (has(0x5200, 0x9230) || has(0x5200, 0x9229))
     read_functional_groups(ds, h.planes);
   else if (h.planes.size() == 1)
     read_place(ds, ds, ds, h.planes[0]);
@@ -223,72 +216,144 @@ class MemoryBuffer : public std::streambuf {
   }
 };
 
-/// Uncompressed pixels must be as many as the header says: GDCM takes the header's word.
-Status check_length(const gdcm::Image& image, const DicomHeader& header, std::size_t needed) {
-  const gdcm::ByteValue* value = image.GetDataElement().GetByteValue();
-  if (value == nullptr) return {};  // in fragments: compressed
-  const std::size_t there = value->GetLength();
-  if (there < needed)
-    return bad_input(kReadVolume, header.name,
-                     fmt::format("truncated: {} x {} x {} pixels take {} bytes, {} are there", header.columns,
-                                 header.rows, header.planes.size(), needed, there));
-  if (there > needed + 1)
-    return bad_input(kReadVolume, header.name,
-                     fmt::format("its header lies: {} x {} x {} pixels take {} bytes, {} are there",
-                                 header.columns, header.rows, header.planes.size(), needed, there));
-  return {};
+/// The values of all pixels by their size and sign in the file.
+Status narrow_any(const std::vector<char>& raw, int bits, int stored, bool is_signed, DicomPixels& out,
+                  const std::string& name) {
+  if (stored < 1 || stored > bits)
+    return bad_input(kReadVolume, name, "its header lies: more bits stored than there are");
+  switch (bits) {
+    case 8:
+      return is_signed ? narrow<std::int8_t>(raw, stored, out, name)
+                       : narrow<std::uint8_t>(raw, stored, out, name);
+    case 16:
+      return is_signed ? narrow<std::int16_t>(raw, stored, out, name)
+                       : narrow<std::uint16_t>(raw, stored, out, name);
+    case 32:
+      return is_signed ? narrow<std::int32_t>(raw, stored, out, name)
+                       : narrow<std::uint32_t>(raw, stored, out, name);
+    default:
+      return bad_input(kReadVolume, name, fmt::format("pixels of {} bits are not read", bits));
+  }
 }
 
-Result<DicomPixels> decode(const std::string& bytes, const DicomHeader& header) {
-  MemoryBuffer buffer(bytes);
+/// Uncompressed pixels: they must be as many as the header says.
+Result<std::vector<char>> native_pixels(const DicomNode::Element& pixels, bool big_endian,
+                                        const DicomHeader& header, std::size_t needed) {
+  const std::size_t there = pixels.value.size();
+  const std::string told = fmt::format("{} x {} x {} pixels take {} bytes, {} are there", header.columns,
+                                       header.rows, header.planes.size(), needed, there);
+  if (there < needed) return bad_input(kReadVolume, header.name, "truncated: " + told);
+  if (there > needed + 1) return bad_input(kReadVolume, header.name, "its header lies: " + told);
+  std::vector<char> raw(pixels.value.begin(), pixels.value.begin() + static_cast<std::ptrdiff_t>(needed));
+  const auto unit = static_cast<std::size_t>(header.bits_allocated / 8);
+  if (big_endian)
+    for (std::size_t at = 0; unit > 1 && at + unit <= raw.size(); at += unit)
+      std::reverse(raw.begin() + static_cast<std::ptrdiff_t>(at),
+                   raw.begin() + static_cast<std::ptrdiff_t>(at + unit));
+  return raw;
+}
+
+void put16(std::string& out, std::size_t v) {
+  out += static_cast<char>(v & 0xff);
+  out += static_cast<char>(v >> 8 & 0xff);
+}
+void put32(std::string& out, std::size_t v) {
+  put16(out, v & 0xffff);
+  put16(out, v >> 16);
+}
+void put_element(std::string& out, std::size_t group, std::size_t element, const char* vr,
+                 std::string value) {
+  if (value.size() % 2 != 0) value += std::string_view(vr) == "UI" ? '\0' : ' ';
+  put16(out, group), put16(out, element);
+  out += vr;
+  put16(out, value.size());
+  out += value;
+}
+
+/// A file of nothing but what decoding needs, sound in all but the compressed pixels themselves.
+std::string minimal_file(const DicomNode::Element& pixels, const DicomHeader& h) {
+  constexpr const char* kCt = "1.2.840.10008.5.1.4.1.1.2";
+  std::string meta, out(128, '\0');
+  put_element(meta, 2, 2, "UI", kCt);
+  put_element(meta, 2, 3, "UI", "1.2.3");
+  put_element(meta, 2, 0x10, "UI", h.transfer_syntax);
+  std::string length;
+  put32(length, meta.size());
+  out += "DICM";
+  put_element(out, 2, 0, "UL", length);
+  out += meta;
+  put_element(out, 8, 0x16, "UI", kCt);
+  const auto number = [&](std::size_t element, int value) {
+    std::string bytes;
+    put16(bytes, static_cast<std::size_t>(value));
+    put_element(out, 0x28, element, "US", bytes);
+  };
+  number(2, 1);
+  put_element(out, 0x28, 4, "CS", "MONOCHROME2");
+  if (h.planes.size() > 1) put_element(out, 0x28, 8, "IS", std::to_string(h.planes.size()));
+  number(0x10, h.rows), number(0x11, h.columns);
+  number(0x100, h.bits_allocated), number(0x101, h.bits_stored), number(0x102, h.bits_stored - 1);
+  number(0x103, h.is_signed ? 1 : 0);
+  put16(out, 0x7fe0), put16(out, 0x10);
+  out += "OB";
+  put16(out, 0), put32(out, 0xffffffff);
+  for (std::size_t f = 0; f < pixels.fragments.size(); ++f) {
+    const bool table =
+        f == 0 && pixels.fragments[f].size() != 4 * h.planes.size();  // a table of another size lies
+    const std::string_view fragment = table ? std::string_view() : pixels.fragments[f];
+    put16(out, 0xfffe), put16(out, 0xe000), put32(out, fragment.size());
+    out += fragment;
+  }
+  put16(out, 0xfffe), put16(out, 0xe0dd), put32(out, 0);
+  return out;
+}
+
+Result<std::vector<char>> decoded_pixels(const DicomNode::Element& pixels, const DicomHeader& header,
+                                         std::size_t needed) {
+  const std::string packing = transfer_syntax_name(header.transfer_syntax);
+  const std::string file = minimal_file(pixels, header);
+  MemoryBuffer buffer(file);
   std::istream in(&buffer);
   gdcm::ImageReader reader;
   reader.SetStream(in);
   if (!reader.Read())
-    return bad_input(kReadVolume, header.name,
-                     "its pixels cannot be read (" + transfer_syntax_name(header.transfer_syntax) + ")");
+    return bad_input(kReadVolume, header.name, "its pixels cannot be read (" + packing + ")");
   const gdcm::Image& image = reader.GetImage();
-  const gdcm::PixelFormat& format = image.GetPixelFormat();
-  const std::size_t pixels =
-      static_cast<std::size_t>(header.rows) * static_cast<std::size_t>(header.columns) * header.planes.size();
-  const std::size_t unit = format.GetPixelSize();
   if (image.GetColumns() != static_cast<unsigned>(header.columns) ||
-      image.GetRows() != static_cast<unsigned>(header.rows) || format.GetSamplesPerPixel() != 1 ||
-      image.GetBufferLength() != pixels * unit)
+      image.GetRows() != static_cast<unsigned>(header.rows) ||
+      image.GetPixelFormat().GetSamplesPerPixel() != 1 ||
+      image.GetPixelFormat().GetBitsAllocated() != header.bits_allocated || image.GetBufferLength() != needed)
     return bad_input(kReadVolume, header.name,
                      fmt::format("its pixels are not the {} x {} x {} that its header says", header.columns,
                                  header.rows, header.planes.size()));
-  GNATHION_CHECK_OK(check_length(image, header, pixels * unit));
-  std::vector<char> raw(pixels * unit);
+  std::vector<char> raw(needed);
   if (!image.GetBuffer(raw.data()))
+    return bad_input(kReadVolume, header.name, "its pixels cannot be decoded (" + packing + ")");
+  return raw;
+}
+
+Result<DicomPixels> decode(const std::string& bytes, const DicomHeader& header) {
+  GNATHION_TRY(const DicomTree tree, parse_dicom_tree(bytes, header.name));
+  const DicomNode::Element* pixels = tree.root.find(0x7fe0, 0x0010);
+  if (pixels == nullptr) return bad_input(kReadVolume, header.name, "it has no pixels");
+  if (header.samples != 1) return bad_input(kReadVolume, header.name, "a colour picture");
+  if (header.bits_allocated != 8 && header.bits_allocated != 16 && header.bits_allocated != 32)
     return bad_input(kReadVolume, header.name,
-                     "its pixels cannot be decoded (" + transfer_syntax_name(header.transfer_syntax) + ")");
-  DicomPixels out;
-  const int stored = format.GetBitsStored();
-  switch (format.GetScalarType()) {
-    case gdcm::PixelFormat::UINT8:
-      GNATHION_CHECK_OK(narrow<std::uint8_t>(raw, stored, out, header.name));
-      break;
-    case gdcm::PixelFormat::INT8:
-      GNATHION_CHECK_OK(narrow<std::int8_t>(raw, stored, out, header.name));
-      break;
-    case gdcm::PixelFormat::UINT12:
-    case gdcm::PixelFormat::UINT16:
-      GNATHION_CHECK_OK(narrow<std::uint16_t>(raw, stored, out, header.name));
-      break;
-    case gdcm::PixelFormat::INT12:
-    case gdcm::PixelFormat::INT16:
-      GNATHION_CHECK_OK(narrow<std::int16_t>(raw, stored, out, header.name));
-      break;
-    case gdcm::PixelFormat::UINT32:
-      GNATHION_CHECK_OK(narrow<std::uint32_t>(raw, stored, out, header.name));
-      break;
-    case gdcm::PixelFormat::INT32:
-      GNATHION_CHECK_OK(narrow<std::int32_t>(raw, stored, out, header.name));
-      break;
-    default:
-      return bad_input(kReadVolume, header.name, "pixels of this type are not read");
+                     fmt::format("pixels of {} bits are not read", header.bits_allocated));
+  if (header.bits_stored < 1 || header.bits_stored > header.bits_allocated)
+    return bad_input(kReadVolume, header.name, "its header lies: more bits stored than there are");
+  const std::size_t needed = static_cast<std::size_t>(header.rows) *
+                             static_cast<std::size_t>(header.columns) * header.planes.size() *
+                             static_cast<std::size_t>(header.bits_allocated / 8);
+  std::vector<char> raw;
+  if (pixels->fragments.empty()) {
+    GNATHION_TRY(raw, native_pixels(*pixels, tree.big_endian, header, needed));
+  } else {
+    GNATHION_TRY(raw, decoded_pixels(*pixels, header, needed));
   }
+  DicomPixels out;
+  GNATHION_CHECK_OK(
+      narrow_any(raw, header.bits_allocated, header.bits_stored, header.is_signed, out, header.name));
   return out;
 }
 
@@ -314,20 +379,8 @@ std::string transfer_syntax_name(const std::string& uid) {
 }
 
 Result<DicomHeader> parse_dicom_header(const std::string& bytes, const std::string& name) {
-  silence();
-  try {
-    MemoryBuffer buffer(bytes);
-    std::istream in(&buffer);
-    gdcm::Reader reader;
-    reader.SetStream(in);
-    if (!reader.ReadUpToTag(Tag(0x7fe0, 0x0010)))
-      return bad_input(kReadVolume, name, "damaged: its header cannot be read");
-    const bool has_pixels = reader.GetFile().GetDataSet().FindDataElement(Tag(0x7fe0, 0x0010)) ||
-                            static_cast<std::size_t>(in.tellg()) < bytes.size();
-    return header_of(reader, name, has_pixels);
-  } catch (const std::exception& e) {
-    return bad_input(kReadVolume, name, std::string("damaged: ") + e.what());
-  }
+  GNATHION_TRY(const DicomTree tree, parse_dicom_tree(bytes, name));
+  return header_of(tree, name);
 }
 
 Result<DicomPixels> decode_dicom_pixels(const std::string& bytes, const DicomHeader& header) {

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "anatomy/volume/dicom_file.h"
+#include "anatomy/volume/dicom_tree.h"
 #include "anatomy/volume/inflate.h"
 #include "anatomy/volume/volume_checks.h"
 
@@ -15,14 +16,24 @@ constexpr std::uint32_t kUndefined = 0xffffffffu;
 constexpr int kDeepest = 24;
 constexpr std::uint64_t kLargestInflated = std::uint64_t{2} << 30;
 
+/// Value representations of PS3.5, table 6.2-1.
+bool known_vr(const char* vr) {
+  static constexpr std::string_view kAll =
+      "AE AS AT CS DA DS DT FD FL IS LO LT OB OD OF OL OV OW PN SH SL SQ SS ST SV TM UC UI UL UN UR US UT "
+      "UV ";
+  for (std::size_t i = 0; i < kAll.size(); i += 3)
+    if (kAll[i] == vr[0] && kAll[i + 1] == vr[1]) return true;
+  return false;
+}
+
 class Walker {
  public:
   Walker(std::string_view bytes, bool explicit_vr, bool big)
       : bytes_(bytes), explicit_(explicit_vr), big_(big) {}
 
   /// The reason why not, or nothing.
-  std::string walk(std::size_t at) {
-    elements(at, bytes_.size(), explicit_, 0, false);
+  std::string walk(std::size_t at, DicomNode& root) {
+    elements(at, bytes_.size(), explicit_, 0, false, root);
     return why_;
   }
 
@@ -53,7 +64,8 @@ class Walker {
   }
 
   /// Elements up to `end`, or, in an item without a length, up to its delimiter. Returns where they end.
-  std::size_t elements(std::size_t at, std::size_t end, bool explicit_vr, int depth, bool delimited) {
+  std::size_t elements(std::size_t at, std::size_t end, bool explicit_vr, int depth, bool delimited,
+                       DicomNode& node) {
     if (depth > kDeepest) return stop("damaged: its sequences are nested without end");
     while (at + 8 <= end && why_.empty()) {
       const std::uint32_t group = u16(at), element = u16(at + 2);
@@ -68,7 +80,7 @@ class Walker {
       bool sequence = false, unknown = false;
       if (explicit_vr) {
         const char* vr = bytes_.data() + at + 4;
-        if (vr[0] < 'A' || vr[0] > 'Z' || vr[1] < 'A' || vr[1] > 'Z')
+        if (!known_vr(vr))
           return stop(
               fmt::format("damaged: element ({:04x},{:04x}) has no value representation", group, element));
         sequence = std::memcmp(vr, "SQ", 2) == 0;
@@ -83,20 +95,31 @@ class Walker {
       } else {
         length = u32(at + 4);
       }
+      DicomNode::Element& own = node.elements[group << 16 | element];
       if (length == kUndefined) {
-        at = group == 0x7fe0 && element == 0x10 ? fragments(value, end)
-                                                : items(value, end, explicit_vr && !unknown, depth);
+        at = group == 0x7fe0 && element == 0x10 ? fragments(value, end, own)
+                                                : items(value, end, explicit_vr && !unknown, depth, own);
         continue;
       }
       if (length > end - value) return cut(group, element, length, end - value);
-      if (sequence) items(value, value + length, explicit_vr, depth);
+      own.value = bytes_.substr(value, length);
+      const bool known_sequence = sequence || (!explicit_ && is_sequence(group, element));
+      if (known_sequence) items(value, value + length, explicit_vr, depth, own);
       at = value + length;
     }
     if (why_.empty() && delimited) return stop("truncated: a sequence does not end");
     return at;
   }
 
-  std::size_t items(std::size_t at, std::size_t end, bool explicit_vr, int depth) {
+  /// Implicit files do not say which elements are sequences; of those with a length, these are needed.
+  static bool is_sequence(std::uint32_t group, std::uint32_t element) {
+    return (group == 0x5200 && (element == 0x9229 || element == 0x9230)) ||
+           (group == 0x0020 && (element == 0x9113 || element == 0x9116)) ||
+           (group == 0x0028 && (element == 0x9110 || element == 0x9145));
+  }
+
+  std::size_t items(std::size_t at, std::size_t end, bool explicit_vr, int depth,
+                    DicomNode::Element& sequence) {
     while (at + 8 <= end && why_.empty()) {
       const std::uint32_t group = u16(at), element = u16(at + 2), length = u32(at + 4);
       at += 8;
@@ -104,17 +127,17 @@ class Walker {
       if (group != 0xfffe || element != 0xe000)
         return stop("damaged: a sequence holds something else than items");
       if (length == kUndefined) {
-        at = elements(at, end, explicit_vr, depth + 1, true);
+        at = elements(at, end, explicit_vr, depth + 1, true, sequence.items.emplace_back());
       } else {
         if (length > end - at) return cut(group, element, length, end - at);
-        elements(at, at + length, explicit_vr, depth + 1, false);
+        elements(at, at + length, explicit_vr, depth + 1, false, sequence.items.emplace_back());
         at += length;
       }
     }
     return at;
   }
 
-  std::size_t fragments(std::size_t at, std::size_t end) {
+  std::size_t fragments(std::size_t at, std::size_t end, DicomNode::Element& pixels) {
     while (at + 8 <= end && why_.empty()) {
       const std::uint32_t group = u16(at), element = u16(at + 2), length = u32(at + 4);
       at += 8;
@@ -122,6 +145,7 @@ class Walker {
       if (group != 0xfffe || element != 0xe000)
         return stop("damaged: its compressed pixels hold something else");
       if (length > end - at) return cut(0x7fe0, 0x10, length, end - at);
+      pixels.fragments.push_back(bytes_.substr(at, length));
       at += length;
     }
     return stop("truncated: its compressed pixels do not end");
@@ -144,10 +168,16 @@ Meta read_meta(std::string_view bytes) {
     return static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i]) |
                                       static_cast<unsigned char>(bytes[i + 1]) << 8);
   };
+  std::uint32_t last = 0;
   while (at + 8 <= bytes.size() && u16(at) == 2) {
     const std::uint32_t element = u16(at + 2);
-    const bool is_long =
-        std::memcmp(bytes.data() + at + 4, "OB", 2) == 0 || std::memcmp(bytes.data() + at + 4, "UN", 2) == 0;
+    const char* vr = bytes.data() + at + 4;
+    if (!known_vr(vr) || (at > 132 && element <= last)) {
+      meta.why = "damaged within its header";
+      return meta;
+    }
+    last = element;
+    const bool is_long = std::memcmp(vr, "OB", 2) == 0 || std::memcmp(vr, "UN", 2) == 0;
     const std::size_t value = at + (is_long ? 12 : 8);
     if (value > bytes.size()) break;
     const std::uint64_t length =
@@ -190,27 +220,31 @@ DicomKind dicom_kind(std::string_view first, const std::string& file_name) {
   return DicomKind::kNot;
 }
 
-Status check_dicom_structure(std::string_view bytes, const std::string& name) {
+Result<DicomTree> parse_dicom_tree(std::string_view bytes, const std::string& name) {
   if (dicom_kind(bytes, name) != DicomKind::kDicom) return bad_input(kReadVolume, name, "not a DICOM file");
   const Meta meta = read_meta(bytes);
   if (!meta.why.empty()) return bad_input(kReadVolume, name, meta.why);
+  DicomTree tree;
+  tree.transfer_syntax = meta.syntax;
   std::string why;
   if (meta.syntax == "1.2.840.10008.1.2.1.99") {
-    std::string inflated;
+    tree.inflated.reserve(4 * bytes.size());
     why =
         unpack(bytes.substr(meta.data), Packing::kRawDeflate, kLargestInflated, [&](std::string_view piece) {
-          inflated += piece;
+          tree.inflated += piece;
           return true;
         });
-    if (why.empty())
-      why = Walker(inflated, true, false).walk(0);
-    else
-      why = "deflated: " + why;
+    why = why.empty() ? Walker(tree.inflated, true, false).walk(0, tree.root) : "deflated: " + why;
   } else {
-    const bool big = meta.syntax == "1.2.840.10008.1.2.2";
-    why = Walker(bytes, meta.syntax != "1.2.840.10008.1.2", big).walk(meta.data);
+    tree.big_endian = meta.syntax == "1.2.840.10008.1.2.2";
+    why = Walker(bytes, meta.syntax != "1.2.840.10008.1.2", tree.big_endian).walk(meta.data, tree.root);
   }
   if (!why.empty()) return bad_input(kReadVolume, name, why);
+  return tree;
+}
+
+Status check_dicom_structure(std::string_view bytes, const std::string& name) {
+  GNATHION_TRY(const DicomTree tree, parse_dicom_tree(bytes, name));
   return {};
 }
 
