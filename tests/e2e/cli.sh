@@ -107,6 +107,10 @@ expect 2 'wrong usage' "$gnathion" frobnicate
 expect 2 'wrong usage' "$gnathion" design --maxilla "$box"
 expect 2 'voxel' "$gnathion" design --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out" --set design.voxel_mm=0
 expect 2 'no_such' "$gnathion" design --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out" --set design.no_such=1
+expect 2 'wrong usage' "$gnathion" print prepare
+printf 'name = "p"\nspeed = 3\n' >"$work/printer.toml"
+expect 4 'speed: no such key' "$gnathion" print prepare --design "$work" --profile "$work/printer.toml" --out "$work/plate"
+expect 2 'gap_mm' "$gnathion" design ladder --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/ladder" --gap 0.9
 expect 4 'not.mcap' "$gnathion" recording info "$work/not.mcap"
 expect 4 'absent.mcap' "$gnathion" recording verify "$work/absent.mcap"
 expect 4 "maxila_mi" "$gnathion" run "$work"
