@@ -114,10 +114,35 @@ expect 2 'gap_mm' "$gnathion" design ladder --quiet --maxilla "$box" --mandible 
 expect 4 'not.mcap' "$gnathion" recording info "$work/not.mcap"
 expect 4 'absent.mcap' "$gnathion" recording verify "$work/absent.mcap"
 expect 4 "maxila_mi" "$gnathion" run "$work"
+# Cases: made, looked into, listed, catalogued; what is wrong is told in one line.
+root=$work/cases; mkdir "$root"
+expect 0 '' "$gnathion" case create "$root/p-1" --patient-name 'Ewa Zielinska' --file "maxilla_mi=$work/box.stl"
+expect 2 'exists' "$gnathion" case create "$root/p-1"
+expect 2 "part of the patient's name" "$gnathion" case create "$root/zielinska" --patient-name 'Ewa Zielinska'
+expect 2 'is no role' "$gnathion" case create "$root/p-2" --file "nose=$work/box.stl"
+expect 4 'does not exist' "$gnathion" case add "$root/p-1" --file "mandible_mi=$work/absent.stl"
+expect 2 'in the case already' "$gnathion" case add "$root/p-1" --file "maxilla_mi=$work/box.stl"
+expect 4 'mandible_mi' "$gnathion" run "$root/p-1"
+expect 4 'was not run' "$gnathion" case provenance "$root/p-1" splint.stl
+expect 0 '' "$gnathion" case list "$root" --catalogue "$work/c.sqlite" --rebuild --json
+grep -q '"case": "p-1"' "$work/stdout" || { echo "FAILED: case list"; failures=$((failures + 1)); }
+expect 0 '' "$gnathion" case info "$root/p-1" --json
+if grep -q -i zielinska "$work/stdout" "$work/c.sqlite"*; then echo "FAILED: a patient's name got out"; failures=$((failures + 1)); fi
+[ "$(stat -c %a "$root/p-1" "$root/p-1/case.toml" "$root/p-1/scans" | tr '\n' ' ')" = "700 600 700 " ] || { echo "FAILED: modes of a case"; failures=$((failures + 1)); }
+printf '[case]\nid = "p-1"\nkind = =\n' >"$root/p-1/case.toml"
+expect 4 'line 3, column 8' "$gnathion" case info "$root/p-1"
+expect 4 'does not exist' "$gnathion" case import "$work/absent" --out "$root/p-3"
+printf 'shell { keywords "upper" file "../../etc/passwd" }' >"$work/w.dpw"
+expect 4 "'..' is not allowed" "$gnathion" case import "$work/w.dpw" --out "$root/p-3"
+expect 4 'is not a file' "$gnathion" audit verify "$work/absent.jsonl"
+printf 'x\n' >"$work/audit.jsonl"
+expect 3 '' "$gnathion" audit verify "$work/audit.jsonl"
+grep -q 'line 1 is no line' "$work/stdout" || { echo "FAILED: audit verify"; failures=$((failures + 1)); }
 expect 0 '' "$gnathion" --help
 expect 0 '' "$gnathion" --version
 for command in demo phantom 'recording info' 'recording verify' 'recording recover' 'recording capture' 'recording import' 'recording export' track 'calibrate chain' \
-  'transform scans' 'transform motion' check design run; do
+  'transform scans' 'transform motion' check design run 'case create' 'case add' 'case info' 'case list' 'case provenance' 'case import' \
+  'case export' 'audit verify'; do
   expect 0 '' "$gnathion" $command --help
   grep -q -- '--json' "$work/stdout" || { echo "FAILED: $command --help names no --json"; failures=$((failures + 1)); }
 done
@@ -235,6 +260,13 @@ if [ -d "$pictures" ]; then
 else
   echo "SKIPPED: no pictures in $pictures"
 fi
+
+# Volumes.
+volumes=tests/fuzz/corpus/dicom
+expect 0 '' "$gnathion" cbct info --quiet $volumes/raw.nrrd
+expect 0 '' "$gnathion" cbct info --quiet $volumes/explicit.dcm
+expect 4 'neither DICOM nor NIfTI nor NRRD' "$gnathion" cbct info README.md
+expect 4 'no such file' "$gnathion" cbct surface --cbct nowhere --out "$work/bone.stl"
 
 # Real jaws, where they are.
 jaws=../shared/data/jaws
