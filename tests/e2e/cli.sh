@@ -114,6 +114,11 @@ expect 2 'gap_mm' "$gnathion" design ladder --quiet --maxilla "$box" --mandible 
 expect 4 'not.mcap' "$gnathion" recording info "$work/not.mcap"
 expect 4 'absent.mcap' "$gnathion" recording verify "$work/absent.mcap"
 expect 4 "maxila_mi" "$gnathion" run "$work"
+# Range and X-rays: what is asked for wrongly is told before anything is read.
+jaws_of_box=(--maxilla "$box" --mandible "$box" --out "$work/out")
+expect 2 'AXIS=LOW..HIGH' "$gnathion" range "${jaws_of_box[@]}" --x protrusion
+expect 2 'axes are protrusion' "$gnathion" range "${jaws_of_box[@]}" --x sideways=0..1
+expect 2 'one of them is needed' "$gnathion" xray "${jaws_of_box[@]}" --cbct "$work/absent.nrrd"
 # Cases: made, looked into, listed, catalogued; what is wrong is told in one line.
 root=$work/cases; mkdir "$root"
 expect 0 '' "$gnathion" case create "$root/p-1" --patient-name 'Ewa Zielinska' --file "maxilla_mi=$work/box.stl"
