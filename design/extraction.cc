@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include "design/cube_table.h"
 #include "design/parallel.h"
@@ -372,7 +373,7 @@ TriangleMesh extracted_surface(const ExtractionField& field, const GridShape& co
   return Extractor(field, coarse, refinement).run();
 }
 
-LargestPiece largest_piece(const TriangleMesh& mesh) {
+LargestPiece largest_piece(const TriangleMesh& mesh, std::size_t pieces) {
   LargestPiece out;
   std::size_t count = 0;
   const std::vector<std::uint32_t> piece = triangle_components(mesh, &count);
@@ -383,10 +384,14 @@ LargestPiece largest_piece(const TriangleMesh& mesh) {
   std::vector<double> volume(count, 0.0);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
     volume[piece[t]] += mesh.corner(t, 0).dot(mesh.corner(t, 1).cross(mesh.corner(t, 2))) / 6.0;
-  const std::size_t largest =
-      static_cast<std::size_t>(std::max_element(volume.begin(), volume.end()) - volume.begin());
+  std::vector<std::size_t> by_volume(count);
+  std::iota(by_volume.begin(), by_volume.end(), std::size_t{0});
+  std::stable_sort(by_volume.begin(), by_volume.end(),
+                   [&](std::size_t a, std::size_t b) { return volume[a] > volume[b]; });
+  std::vector<bool> kept(count, false);
+  for (std::size_t n = 0; n < std::min(pieces, count); ++n) kept[by_volume[n]] = volume[by_volume[n]] > 0.0;
   for (std::size_t i = 0; i < count; ++i) {
-    if (i == largest) continue;
+    if (kept[i]) continue;
     if (volume[i] < 0.0) {
       ++out.dropped_voids;
     } else {
@@ -395,7 +400,7 @@ LargestPiece largest_piece(const TriangleMesh& mesh) {
     }
   }
   std::vector<bool> keep(mesh.triangles.size());
-  for (std::size_t t = 0; t < keep.size(); ++t) keep[t] = piece[t] == largest;
+  for (std::size_t t = 0; t < keep.size(); ++t) keep[t] = kept[piece[t]];
   out.mesh = submesh(mesh, keep);
   return out;
 }

@@ -28,12 +28,12 @@ std::function<void(const std::vector<Vector3>&, std::vector<double>&)> pointwise
 /// on the boundary of the box.
 TriangleMesh extracted_surface(const ExtractionField& field, const GridShape& coarse, int refinement);
 
-/// Pieces of a surface: the largest is kept; voids inside it and islands are dropped.
+/// Pieces of a surface: the largest ones are kept; voids inside them and islands are dropped.
 struct LargestPiece {
   TriangleMesh mesh;
   std::size_t dropped_voids = 0, dropped_islands = 0;
   double largest_island_mm3 = 0.0;
 };
-LargestPiece largest_piece(const TriangleMesh& mesh);
+LargestPiece largest_piece(const TriangleMesh& mesh, std::size_t pieces = 1);
 
 }  // namespace gnathion

@@ -27,7 +27,9 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_most("open_edges", count(v.topology.boundary_edges), 0));
   gates.push_back(
       at_most("non_manifold", count(v.topology.non_manifold_edges + v.topology.non_manifold_vertices), 0));
-  gates.push_back({"components", count(v.topology.components), 1, v.topology.components == 1, true});
+  const std::size_t pieces = pieces_of(p);
+  gates.push_back(
+      {"components", count(v.topology.components), count(pieces), v.topology.components == pieces, true});
   gates.push_back(at_most("self_intersections", count(v.self_intersections), 0));
   gates.push_back(at_most("maxilla_penetration_mm", v.maxilla_penetration_mm, kPenetrationMm));
   gates.push_back(at_most("mandible_penetration_mm", v.mandible_penetration_mm, kPenetrationMm));

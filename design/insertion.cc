@@ -36,7 +36,8 @@ std::vector<Node> classified(const TriangleMesh& support, const OcclusalMap& lev
     for (int j = 0; j < shape.nodes.y(); ++j) {
       const Vector3 foot = shape.position(i, j, 0);
       const double cut = level.level_mm(foot) + depth_mm;
-      const bool crowns = std::abs(level.off_curve_mm(foot)) < kHalfWidthMm;
+      const bool crowns =
+          std::abs(level.off_curve_mm(foot)) < kHalfWidthMm && level.beyond_cover_mm(foot) < 0.0;
       for (int k = 0; k < shape.nodes.z(); ++k) {
         const std::size_t n = shape.index(i, j, k);
         const bool beyond = !crowns || shape.position(i, j, k).z() > cut;

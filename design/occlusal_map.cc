@@ -7,6 +7,8 @@
 namespace gnathion {
 namespace {
 
+constexpr double kElsewhere = 1e3;
+
 constexpr double kHalfWidthMm = 8.0;  // of the crowns about the arch curve
 constexpr double kWindowMm = 3.0;     // along the arch, to each side of a station
 constexpr double kStationMm = 1.0;
@@ -109,7 +111,7 @@ double height_at(const std::vector<Support>& stations, const ArchCoordinates& c,
 }  // namespace
 
 OcclusalMap::OcclusalMap(const TriangleMesh& support, const ArchFrame& frame,
-                         const Rigid3& design_from_dental, const std::array<double, 2>& last_teeth_mm) {
+                         const Rigid3& design_from_dental, const CoveredArc& covered) {
   const ArchRuler ruler(frame);
   const Rigid3 dental_from_design = design_from_dental.inverse();
   const std::vector<Support> stations = supports_along(support, ruler, dental_from_design);
@@ -120,6 +122,7 @@ OcclusalMap::OcclusalMap(const TriangleMesh& support, const ArchFrame& frame,
   level_.resize(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_));
   off_.resize(level_.size());
   behind_.resize(level_.size());
+  beyond_.resize(level_.size());
   parallel_each(nx_, [&](int i) {
     for (int j = 0; j < ny_; ++j) {
       Vector3 p = origin_ + spacing_ * Vector3(i, j, 0);
@@ -133,7 +136,14 @@ OcclusalMap::OcclusalMap(const TriangleMesh& support, const ArchFrame& frame,
           static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
       level_[at] = static_cast<float>(p.z());
       off_[at] = static_cast<float>(c.buccal_mm);
-      behind_[at] = static_cast<float>(std::max(last_teeth_mm[0] - c.s_mm, c.s_mm - last_teeth_mm[1]));
+      const double right = covered.right_mm - c.s_mm, left = c.s_mm - covered.left_mm;
+      const double front = covered.right_front_mm < covered.left_front_mm
+                               ? std::min(c.s_mm - covered.right_front_mm, covered.left_front_mm - c.s_mm)
+                               : -kElsewhere;
+      behind_[at] = static_cast<float>(
+          std::max(covered.right_last ? right : -kElsewhere, covered.left_last ? left : -kElsewhere));
+      beyond_[at] = static_cast<float>(std::max(
+          {covered.right_last ? -kElsewhere : right, covered.left_last ? -kElsewhere : left, front}));
     }
   });
 }
@@ -156,6 +166,9 @@ double OcclusalMap::level_mm(const Vector3& p_design_mm) const {
 }
 double OcclusalMap::off_curve_mm(const Vector3& p_design_mm) const {
   return sample(off_, p_design_mm);
+}
+double OcclusalMap::beyond_cover_mm(const Vector3& p_design_mm) const {
+  return sample(beyond_, p_design_mm);
 }
 double OcclusalMap::behind_teeth_mm(const Vector3& p_design_mm) const {
   return sample(behind_, p_design_mm);

@@ -46,6 +46,9 @@ constexpr Field kFields[] = {
     {"draft_deg", &SplintParameters::draft_deg, "deg", 0.0, 60.0, "draft of the stamp's side walls"},
     {"smoothing_mm", &SplintParameters::smoothing_mm, "mm", 0.3, 4.0, "radius of concave fillets outside"},
     {"rim_radius_mm", &SplintParameters::rim_radius_mm, "mm", 0.0, 0.5, "rounding of the rim"},
+    {"first_tooth", &SplintParameters::first_tooth, "", 1.0, 7.0,
+     "first covered tooth from the midline, both sides; more than 1: two pieces"},
+    {"last_tooth", &SplintParameters::last_tooth, "", 2.0, 8.0, "last covered tooth; 3: an anterior splint"},
     {"insertion_search_deg", &SplintParameters::insertion_search_deg, "deg", 0.0, 25.0,
      "seating direction: least undercut within this of the occlusal normal; 0: as given"},
     {"insertion_left_deg", &SplintParameters::insertion_left_deg, "deg", -25.0, 25.0,
@@ -79,6 +82,10 @@ Status check_parameters(const SplintParameters& parameters) {
     if (!std::isfinite(v) || v < f.low || v > f.high)
       return refuse(f.name, fmt::format("{} is outside {} to {} {}", v, f.low, f.high, f.unit));
   }
+  for (const double tooth : {parameters.first_tooth, parameters.last_tooth})
+    if (tooth != std::round(tooth)) return refuse("first_tooth, last_tooth", "not whole numbers");
+  if (parameters.first_tooth >= parameters.last_tooth)
+    return refuse("first_tooth", "not before the last covered tooth (design.last_tooth)");
   if (parameters.aperture_limit_mm > parameters.wall_mm)
     return refuse("aperture_limit_mm", "larger than the wall (design.wall_mm)");
   if (parameters.rim_radius_mm > 0.5 * parameters.wall_mm)

@@ -30,6 +30,9 @@ struct SplintParameters {
   double draft_deg = 35.0;        ///< draft of the stamp's side walls against a
   double smoothing_mm = 2.0;      ///< radius of the concave fillets between shell and stamp
   double rim_radius_mm = 0.4;     ///< rounding of the rim
+  /// Teeth that are covered, by position from the midline, on both sides: 1 to 8 all of them, 1 to 3 an
+  /// anterior splint, 4 to 8 a posterior one (two pieces).
+  double first_tooth = 1.0, last_tooth = 8.0;
   double insertion_search_deg = 15.0;   ///< a is sought within this of its start; 0: the start itself
   double insertion_left_deg = 0.0;      ///< start of a: the occlusal normal, tilted to the patient's left ...
   double insertion_anterior_deg = 0.0;  ///< ... and forward
@@ -39,6 +42,11 @@ struct SplintParameters {
   double disclusion_mm = 0.0;           ///< the splint stays this far from the opposing arch on excursions
   double embrasure_mm = 0.5;  ///< interdental grooves narrower than twice this are not filled by the splint
 };
+
+/// How many pieces such a splint has.
+inline std::size_t pieces_of(const SplintParameters& p) {
+  return p.first_tooth > 1.5 ? 2 : 1;
+}
 
 /// Refuses (kUsage) what is out of range or contradicts itself, naming the parameter.
 Status check_parameters(const SplintParameters& parameters);

@@ -65,17 +65,55 @@ TriangleMesh without_fragments(const TriangleMesh& mesh, const std::string& name
   return submesh(mesh, keep);
 }
 
-/// Arc lengths of the ends of the last teeth, right and left.
-std::array<double, 2> ends_of_teeth(const TriangleMesh& support, const ArchFrame& arch, Arch which) {
+/// The arc that the parameters ask for, from the teeth that are there.
+Result<CoveredArc> covered_arc(const TriangleMesh& support, const ArchFrame& arch, Arch which,
+                               const SplintParameters& p) {
   const std::vector<std::uint8_t> fdi = assign_teeth(support, arch, which);
   const ArchRuler ruler(arch);
-  std::vector<double> s;
-  for (std::size_t v = 0; v < fdi.size(); ++v)
-    if (fdi[v] != 0) s.push_back(ruler.measure(support.vertices_mm[v]).s_mm);
-  if (s.size() < 100) return {-1e3, 1e3};
-  std::sort(s.begin(), s.end());
-  const std::size_t few = s.size() / 500;  // stray labels
-  return {s[few], s[s.size() - 1 - few]};
+  const int first = static_cast<int>(std::lround(p.first_tooth)),
+            last = static_cast<int>(std::lround(p.last_tooth));
+  std::array<std::vector<double>, 2> s;  // of covered teeth, right and left
+  std::array<int, 2> outermost = {0, 0};
+  for (std::size_t v = 0; v < fdi.size(); ++v) {
+    if (fdi[v] == 0) continue;
+    const int quadrant = fdi[v] / 10, position = fdi[v] % 10;
+    const std::size_t side = quadrant == 1 || quadrant == 4 ? 0 : 1;
+    outermost[side] = std::max(outermost[side], position);
+    if (position < first || position > last) continue;
+    s[side].push_back(ruler.measure(support.vertices_mm[v]).s_mm);
+  }
+  CoveredArc arc;
+  const bool all = first <= 1 && last >= 8;
+  if (s[0].size() + s[1].size() < 100) {
+    if (all) return arc;
+    return bad_input("cannot design", which == Arch::kMaxilla ? "maxilla" : "mandible",
+                     fmt::format("no teeth {} to {} found to cover", first, last));
+  }
+  if (!all && (s[0].size() < 50 || s[1].size() < 50))
+    return bad_input("cannot design", which == Arch::kMaxilla ? "maxilla" : "mandible",
+                     fmt::format("teeth {} to {} found on one side only", first, last));
+  for (auto& side : s) std::sort(side.begin(), side.end());
+  // Stray labels do not count.
+  const auto low = [](const std::vector<double>& v) { return v[v.size() / 250]; };
+  const auto high = [](const std::vector<double>& v) { return v[v.size() - 1 - v.size() / 250]; };
+  if (all) {
+    std::vector<double> both = s[0];
+    both.insert(both.end(), s[1].begin(), s[1].end());
+    std::sort(both.begin(), both.end());
+    const std::size_t few = both.size() / 500;
+    arc.right_mm = both[few];
+    arc.left_mm = both[both.size() - 1 - few];
+    return arc;
+  }
+  arc.right_mm = low(s[0]);
+  arc.left_mm = high(s[1]);
+  arc.right_last = outermost[0] <= last;
+  arc.left_last = outermost[1] <= last;
+  if (first > 1) {
+    arc.right_front_mm = high(s[0]);
+    arc.left_front_mm = low(s[1]);
+  }
+  return arc;
 }
 
 /// z along `a`, y as far posterior as that allows, origin on the occlusal plane.
@@ -92,11 +130,11 @@ Rigid3 frame_along(const Vector3& a, const ArchFrame& arch) {
 
 /// The seating direction, told in Dental.
 Insertion insertion_of(const TriangleMesh& support_dental, const ArchFrame& arch, Arch which,
-                       const std::array<double, 2>& last_teeth_mm, const SplintParameters& p) {
+                       const CoveredArc& covered, const SplintParameters& p) {
   const Rigid3 upright = frame_along(arch.gingival(which), arch);
   const TriangleMesh support =
       closed_to_solid(transformed(upright, support_dental), Vector3::UnitZ(), nullptr);
-  const OcclusalMap level(support, arch, upright, last_teeth_mm);
+  const OcclusalMap level(support, arch, upright, covered);
   Insertion insertion = find_insertion(support, level, which, p);
   insertion.direction = upright.rotation.transpose() * insertion.direction;
   return insertion;
@@ -186,16 +224,16 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   const TriangleMesh support_dental = without_fragments(inputs.support(), support_name, warnings);
   const TriangleMesh opposing_dental =
       without_fragments(inputs.opposing_mi(), inputs.on_maxilla() ? "mandible" : "maxilla", warnings);
-  const auto last_teeth_mm = ends_of_teeth(inputs.support(), arch, inputs.arch);
+  GNATHION_TRY(const CoveredArc covered, covered_arc(inputs.support(), arch, inputs.arch, parameters));
 
-  const Insertion insertion = insertion_of(support_dental, arch, inputs.arch, last_teeth_mm, parameters);
+  const Insertion insertion = insertion_of(support_dental, arch, inputs.arch, covered, parameters);
   const Rigid3 design_from_dental = frame_along(insertion.direction, arch);
   const Rigid3 tp_from_mi = design_from_dental * inputs.opposing_motion() * design_from_dental.inverse();
   TriangleMesh support =
       transformed(design_from_dental, closed_to_solid(support_dental, insertion.direction, &holes));
   TriangleMesh opposing = transformed(tp_from_mi * design_from_dental,
                                       closed_to_solid(opposing_dental, -insertion.direction, nullptr));
-  OcclusalMap level(support, arch, design_from_dental, last_teeth_mm);
+  OcclusalMap level(support, arch, design_from_dental, covered);
   std::optional<MeshQuery> given_stamp;
   if (inputs.occlusal_surface) {
     GNATHION_TRY(TriangleMesh solid, stamp_solid(*inputs.occlusal_surface, design_from_dental,

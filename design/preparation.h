@@ -23,29 +23,39 @@ namespace gnathion {
 TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled,
                              double rim_width_mm = 15.0);
 
+/// Where the splint stands along the arch, as arc lengths (right negative).
+struct CoveredArc {
+  double right_mm = -1e3, left_mm = 1e3;  ///< outer ends of the outermost covered teeth
+  bool right_last = true,
+       left_last = true;  ///< those are the arch's last teeth: a distal wall goes round them
+  /// The front that stays bare lies between these; none where right_front >= left_front.
+  double right_front_mm = 0.0, left_front_mm = 0.0;
+};
+
 /// The local occlusal level of an arch: a ruled surface that rests on the crowns from the occlusal side,
 /// along the curve of Spee and tilted across the arch with the crowns (curve of Wilson; tipped molars). By
 /// position across a.
 class OcclusalMap {
  public:
   OcclusalMap() = default;
-  /// `support` in the design frame (solid or scan); sampled every 0.5 mm over its box. `last_teeth_mm`: arc
-  /// lengths of the ends of the last teeth, right and left.
+  /// `support` in the design frame (solid or scan); sampled every 0.5 mm over its box.
   OcclusalMap(const TriangleMesh& support, const ArchFrame& frame, const Rigid3& design_from_dental,
-              const std::array<double, 2>& last_teeth_mm);
+              const CoveredArc& covered);
   /// Height of the level along z.
   double level_mm(const Vector3& p_design_mm) const;
   /// Distance from the arch curve, buccal positive.
   double off_curve_mm(const Vector3& p_design_mm) const;
-  /// How far behind the last teeth (negative before them), along the arch.
+  /// How far behind the last teeth (negative before them), along the arch; -1e3 at ends that lie elsewhere.
   double behind_teeth_mm(const Vector3& p_design_mm) const;
+  /// How far beyond covered teeth that are not the last ones, along the arch: their neighbours stay bare.
+  double beyond_cover_mm(const Vector3& p_design_mm) const;
 
  private:
   double sample(const std::vector<float>& values, const Vector3& p_mm) const;
   Vector3 origin_ = Vector3::Zero();
   double spacing_ = 0.5;
   int nx_ = 0, ny_ = 0;
-  std::vector<float> level_, off_, behind_;
+  std::vector<float> level_, off_, behind_, beyond_;
 };
 
 /// The design frame: z along a (towards the gingiva of the support, the arch that wears the splint), y

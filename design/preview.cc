@@ -38,7 +38,7 @@ std::uint64_t fingerprint(const TriangleMesh& mesh, std::uint64_t seed) {
 struct SupportKey {
   std::uint64_t maxilla = 0, mandible = 0, occlusal_surface = 0;
   Arch arch = Arch::kMaxilla;
-  double search_deg = 0, left_deg = 0, anterior_deg = 0, depth_mm = 0;
+  double search_deg = 0, left_deg = 0, anterior_deg = 0, depth_mm = 0, first_tooth = 0, last_tooth = 0;
 
   SupportKey(const SplintInputs& in, const SplintParameters& p)
       : maxilla(fingerprint(in.maxilla, 1)),
@@ -48,11 +48,14 @@ struct SupportKey {
         search_deg(p.insertion_search_deg),
         left_deg(p.insertion_left_deg),
         anterior_deg(p.insertion_anterior_deg),
-        depth_mm(p.depth_mm) {}
+        depth_mm(p.depth_mm),
+        first_tooth(p.first_tooth),
+        last_tooth(p.last_tooth) {}
   bool operator==(const SupportKey& b) const {
     return maxilla == b.maxilla && mandible == b.mandible && occlusal_surface == b.occlusal_surface &&
            arch == b.arch && search_deg == b.search_deg && left_deg == b.left_deg &&
-           anterior_deg == b.anterior_deg && depth_mm == b.depth_mm;
+           anterior_deg == b.anterior_deg && depth_mm == b.depth_mm && first_tooth == b.first_tooth &&
+           last_tooth == b.last_tooth;
   }
 };
 
@@ -122,7 +125,7 @@ Result<SplintPreview> SplintPreviewer::build(const SplintInputs& inputs, const S
   done("distances");
   const SplintField field(*state_->preparation, p, state_->jaws);
   done("shells and stamp");
-  LargestPiece pieces = largest_piece(extracted_splint(field));
+  LargestPiece pieces = largest_piece(extracted_splint(field), pieces_of(p));
   done("extraction");
   if (pieces.mesh.empty())
     return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");

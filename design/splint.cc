@@ -143,7 +143,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     const SplintField field(preparation, parameters);
 
     steps.begin("extraction", 0.25);
-    LargestPiece pieces = largest_piece(extracted_splint(field));
+    LargestPiece pieces = largest_piece(extracted_splint(field), pieces_of(parameters));
     warn_of_pieces(pieces, design.warnings);
     if (pieces.mesh.empty())
       return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");

@@ -30,6 +30,8 @@ constexpr double kTipGapVoxels = 0.5;       // room at tips of the support that 
 constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the opposing arch
 constexpr double kFreeErrorMm = 0.03;       // the coarse sweep leaves contacts in TP to exact distances
 constexpr double kBlurMm = 0.8;             // of smoothing strokes, standard deviation
+constexpr double kTipRoomMm = 0.1;          // on the way onto the arch, at the support's sharp tips
+constexpr double kShadowMm = 0.03;          // less between solid and sweep: no undercut here
 constexpr double kDistalMm = 0.8;
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.5;  // what triangles may take from the thinnest wall
@@ -81,9 +83,27 @@ struct SplintField::Ingredients {
 
 namespace {
 
+/// By node, the z from which swept_up() has its value.
+CoarseGrid heights_of_sweep(const CoarseGrid& f) {
+  CoarseGrid out = f;
+  const GridShape& shape = f.shape();
+  for (int i = 0; i < shape.nodes.x(); ++i)
+    for (int j = 0; j < shape.nodes.y(); ++j) {
+      const float* value = f.column(i, j);
+      float* height = out.column(i, j);
+      int least = 0;
+      for (int k = 0; k < shape.nodes.z(); ++k) {
+        if (value[k] < value[least]) least = k;
+        height[k] = static_cast<float>(shape.position(i, j, least).z());
+      }
+    }
+  return out;
+}
+
 void sample_support(const Preparation& prep, JawDistances& jaws) {
   jaws.support = sampled_distance(prep.coarse, prep.support, {}, kBandMm, OutsideEnd::kBottom);
   jaws.support_swept = swept_up(jaws.support);
+  jaws.swept_from = heights_of_sweep(jaws.support);
 }
 
 void sample_stamp(const Preparation& prep, JawDistances& jaws) {
@@ -193,7 +213,8 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
-  f.rim = std::max(p.z() - (prep_.level.level_mm(p) + par_.depth_mm), behind);
+  f.rim =
+      std::max({p.z() - (prep_.level.level_mm(p) + par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
   const double film =
       par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
@@ -237,7 +258,22 @@ struct Asked {
 
 void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>& values) const {
   std::vector<Ingredients> in(points.size());
-  Asked support, opposing, stamp;
+  Asked support, opposing, stamp, sweep;
+  // Below p, where the columns around it say that M bulges most, in an undercut whose depth is near r.
+  const auto ask_passed = [&](const Vector3& p, double swept_mm, double own_mm, std::size_t i) {
+    if (swept_mm > own_mm - kShadowMm || std::abs(swept_mm + par_.engagement_mm) > kEstimateMm) return;
+    const GridCell cell = located(prep_.coarse, p);
+    const double spacing = prep_.coarse.spacing_mm;
+    double before = 1e9;
+    for (int corner = 0; corner < 4; ++corner) {
+      const double z = jaws_.swept_from.at(cell.index.x() + (corner & 1), cell.index.y() + (corner >> 1),
+                                           cell.index.z() + (cell.fraction.z() > 0.5 ? 1 : 0));
+      if (std::abs(z - before) < 0.5 * spacing) continue;
+      before = z;
+      for (const double off : {-0.75, -0.25, 0.25, 0.75})
+        sweep.add({p.x(), p.y(), std::min(z + off * spacing, p.z())}, swept_mm, i);
+    }
+  };
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Vector3& p = points[i];
     in[i] = interpolated(p);
@@ -246,7 +282,10 @@ void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>&
     const double film_mm = rough.cavity + rough.cut - par_.aperture_limit_mm;
     const bool film =
         std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
-    if (std::abs(rough.cavity) < kEstimateMm || film) support.add(p, in[i].support, i);
+    if (std::abs(rough.cavity) < kEstimateMm || film) {
+      support.add(p, in[i].support, i);
+      ask_passed(p, in[i].support_swept, in[i].support, i);
+    }
     if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
       opposing.add(p, in[i].opposing, i);
       stamp.add(natural_from_tp_ * p, in[i].stamp, i);
@@ -255,6 +294,16 @@ void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>&
   support.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
     in[i].support = d.distance_mm;
     in[i].gap = seat_gap_mm(d.closest);
+  });
+  // What a rigid splint passes on its way is the least distance below: exact, since r is thinner than the
+  // coarse grid's error.
+  std::vector<double> passed(sweep.points.empty() ? 0 : points.size(), 1e9);
+  sweep.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
+    // A tip that is thinner than r would pass by that rule, and yet stand in the splint's way.
+    const double tip_mm = (par_.engagement_mm + kTipRoomMm) *
+                          sharpness_at(prep_.support.mesh(), prep_.support_sharpness, d.closest);
+    passed[i] = std::min(passed[i], d.distance_mm - tip_mm);
+    in[i].support_swept = passed[i];
   });
   opposing.measure(prep_.opposing, [&](std::size_t i, const SignedDistance& d) {
     in[i].opposing =

@@ -27,6 +27,7 @@ struct FieldTerms {
 struct JawDistances {
   CoarseGrid support;         ///< φ_M
   CoarseGrid support_swept;   ///< M ⊕ R_a
+  CoarseGrid swept_from;      ///< z at which the sweep's value was found: where M bulges most, seen along a
   CoarseGrid stamp;           ///< φ of T_th M
   CoarseGrid opposing;        ///< φ of L_TP
   CoarseGrid opposing_swept;  ///< L_TP and its way down, but for the last kSweepStart

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 
 #include "core/mesh_query.h"
 #include "core/random.h"
@@ -357,6 +358,45 @@ TEST(Insertion, CountsTheInsideAsTheWindingNumberDoes) {
         within += d->distance_mm < 0.0;
       }
   EXPECT_GT(within, 100u);
+}
+
+/// Farthest reach of the splint along the arch: the largest tooth position with a crown vertex within 0.3 mm
+/// of it, and the smallest.
+std::pair<int, int> covered_positions(const TriangleMesh& splint) {
+  const MeshQuery query(splint);
+  std::array<int, 9> touched{};
+  for (std::size_t v = 0; v < jaws().maxilla.vertices_mm.size(); v += 3)
+    if (jaws().maxilla_fdi[v] != 0 && query.closest(jaws().maxilla.vertices_mm[v], 0.3))
+      ++touched[jaws().maxilla_fdi[v] % 10];
+  int first = 9, last = 0;
+  for (int n = 1; n < 9; ++n)
+    if (touched[static_cast<std::size_t>(n)] > 60) {
+      first = std::min(first, n);
+      last = std::max(last, n);
+    }
+  return {first, last};
+}
+
+TEST(Kinds, PartialCoverage) {
+  const auto covering = [](double first, double last) {
+    SplintParameters parameters;
+    parameters.voxel_mm = kVoxelMm;
+    parameters.insertion_search_deg = 0.0;
+    parameters.first_tooth = first;
+    parameters.last_tooth = last;
+    SilentProgress silent;
+    return design_splint(inputs(), parameters, silent);
+  };
+  const auto anterior = covering(1, 4);
+  ASSERT_TRUE(anterior) << anterior.error().line();
+  EXPECT_EQ(anterior->verdict, "pass") << ::testing::PrintToString(anterior->violated);
+  EXPECT_EQ(anterior->verification.topology.components, 1u);
+  EXPECT_EQ(covered_positions(anterior->splint), std::pair(1, 4));
+  const auto posterior = covering(4, 8);
+  ASSERT_TRUE(posterior) << posterior.error().line();
+  EXPECT_EQ(posterior->verdict, "pass") << ::testing::PrintToString(posterior->violated);
+  EXPECT_EQ(posterior->verification.topology.components, 2u);
+  EXPECT_EQ(covered_positions(posterior->splint).first, 4);
 }
 
 // What the previewer remembers does not change what it makes, and that is the splint that the design makes.
