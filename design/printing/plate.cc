@@ -16,19 +16,28 @@ Matrix3 lying(const TriangleMesh& mesh, const Vector3& up) {
   frame.row(2) = up;
   frame.row(0) = up.unitOrthogonal();
   frame.row(1) = up.cross(Vector3(frame.row(0)));
-  Matrix3 best = frame;
-  double least = 1e300;
-  for (int n = 0; n < kTurns; ++n) {
-    const Matrix3 turned = Eigen::AngleAxisd(M_PI * n / kTurns, Vector3::UnitZ()).toRotationMatrix() * frame;
+  const auto turned = [&](double angle_rad) {
+    return Matrix3(Eigen::AngleAxisd(angle_rad, Vector3::UnitZ()).toRotationMatrix() * frame);
+  };
+  const auto area = [&](double angle_rad) {
+    const Matrix3 turn = turned(angle_rad);
     Box box;
-    for (const Vector3& v : mesh.vertices_mm) box.extend(turned * v);
+    for (const Vector3& v : mesh.vertices_mm) box.extend(turn * v);
     const Vector3 size = box.size_mm();
-    if (size.x() >= size.y() && size.x() * size.y() < least - 1e-6) {
-      least = size.x() * size.y();
-      best = turned;
-    }
-  }
-  return best;
+    return size.x() >= size.y() ? size.x() * size.y() : 1e300;
+  };
+  double best = 0.0, least = 1e300;
+  const auto look = [&](double angle_rad) {
+    const double here = area(angle_rad);
+    if (here >= least - 1e-9) return false;
+    least = here;
+    best = angle_rad;
+    return true;
+  };
+  for (int n = 0; n < kTurns; ++n) look(M_PI * n / kTurns);
+  for (double step = 0.5 * M_PI / kTurns; step > 1e-6; step *= 0.5)
+    if (!look(best + step)) look(best - step);
+  return turned(best);
 }
 
 struct Part {
