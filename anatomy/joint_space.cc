@@ -16,8 +16,8 @@ constexpr double kSampleMm = 0.5;       // between vertices of coarse surfaces
 constexpr double kHeadMm = 8.0;         // the condyle's head: this much below its top
 constexpr double kFarMm = 200.0;        // beyond any joint
 constexpr double kOpposedShare = 0.25;  // of the head with the fossa over or under it, to tell its side
-constexpr int kStarts = 12;             // places from which the closest pair is sought
-constexpr int kRounds = 60;             // of going to and fro
+constexpr int kStarts = 5;             // places from which the closest pair is sought
+constexpr int kRounds = 40;             // of going to and fro
 
 std::vector<Vector3> dense_points(const TriangleMesh& mesh) {
   std::vector<Vector3> points = mesh.vertices_mm;
