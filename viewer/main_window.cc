@@ -39,6 +39,9 @@ MainWindow::MainWindow(WindowOptions options) : options_(std::move(options)) {
   steps_->setObjectName("steps");
   steps_->setExpanding(false);
   steps_->setDrawBase(false);
+  QFont bold = font();
+  bold.setBold(true);
+  steps_->setFont(bold);
   column->addWidget(steps_);
   columns_ = new QSplitter(Qt::Horizontal);
   columns_->setChildrenCollapsible(false);
@@ -48,7 +51,7 @@ MainWindow::MainWindow(WindowOptions options) : options_(std::move(options)) {
   make_centre();
   make_steps();
   make_right();
-  columns_->setSizes({330, 660, 290});
+  columns_->setSizes({346, 638, 296});
   columns_->setStretchFactor(0, 0);
   columns_->setStretchFactor(1, 1);
   columns_->setStretchFactor(2, 0);
@@ -109,7 +112,7 @@ void MainWindow::make_centre() {
 
 void MainWindow::make_steps() {
   panels_ = new QStackedWidget;
-  panels_->setMinimumWidth(300);
+  panels_->setMinimumWidth(346);
   auto* motion = new MotionPanel(*bench_);
   auto* transform = new TransformPanel(*bench_);
   transform->from_motion = [motion] { return motion->picked_position(); };
@@ -156,7 +159,7 @@ void MainWindow::make_right() {
   right->addWidget(scroll);
   right->addWidget(below);
   right->setSizes({390, 310});
-  right->setMinimumWidth(250);
+  right->setMinimumWidth(296);
   columns_->addWidget(right);
 }
 
@@ -192,6 +195,8 @@ void MainWindow::open(const std::filesystem::path& folder) {
 }
 
 void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
+  if (step_ >= 0 && document_.is_open()) panel_of_[static_cast<std::size_t>(step_)]->leave();
+  step_ = -1;  // what another case showed is not this one's
   shown_.clear();
   messages_->hide();
   setWindowTitle(QString("%1 – Gnathion (research use)").arg(QString::fromStdString(content->title)));
@@ -204,10 +209,7 @@ void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
   start_section();
   // The step where the work stands: the last one that has something.
   const int step = content->mesh("splint") ? 4 : content->therapeutic ? 3 : content->chain ? 2 : content->motion ? 1 : 0;
-  if (steps_->currentIndex() == step) {
-    apply_layers(static_cast<Step>(step));
-    panel_of_[static_cast<std::size_t>(step)]->enter();
-  }
+  if (steps_->currentIndex() == step) go_to_step(step);
   steps_->setCurrentIndex(step);
   look("oblique");
   std::size_t broken = 0;
@@ -306,7 +308,7 @@ void MainWindow::cut() {
         std::vector<PlotCurve> curves;
         for (Cut& c : *cuts) curves.push_back(std::move(c.look));
         section_->set_curves(std::move(curves));
-        if (!section_fitted_) section_->fit();
+        if (!section_fitted_) section_->look_at({0, 0}, 15);
         section_fitted_ = true;
       });
 }

@@ -229,14 +229,13 @@ void MainWindow::show_shortcuts() {
 
 QString window_style() {
   return R"(
-    QMainWindow, QWidget { color: #1c2430; }
     QToolBar { background: #f4f6f9; border-bottom: 1px solid #d5dae2; spacing: 1px; padding: 2px 6px; }
     QToolBar QToolButton { padding: 3px 6px; border-radius: 4px; }
     QToolBar QToolButton:hover { background: #e2e9f2; }
     QToolBar QToolButton:checked { background: #cfe0f3; color: #0d3d6e; }
     QToolBar QToolButton:disabled { color: #7d8592; }
     QTabBar#steps { background: #e9edf3; }
-    QTabBar#steps::tab { padding: 7px 18px; background: #e9edf3; border: none; font-weight: 600; color: #414b5a; }
+    QTabBar#steps::tab { padding: 7px 18px; background: #e9edf3; border: none; color: #414b5a; }
     QTabBar#steps::tab:selected { background: #ffffff; color: #0d4a86; border-bottom: 3px solid #1c6fb8; }
     QTabBar#steps::tab:hover:!selected { background: #dde4ed; }
     QScrollArea, QScrollArea > QWidget > QWidget { background: #ffffff; }

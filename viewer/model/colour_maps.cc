@@ -14,10 +14,10 @@ std::array<std::uint8_t, 3> bytes(const Color& c) {
 }
 
 template <class Map>
-std::shared_ptr<const VertexColors> colored(const std::vector<float>& values, const Map& map) {
+std::shared_ptr<const VertexColors> colored(const std::vector<float>& values, const Color& none, const Map& map) {
   auto out = std::make_shared<VertexColors>();
   out->reserve(values.size());
-  for (const float v : values) out->push_back(bytes(std::isfinite(v) ? map(double(v)) : kNotMeasured));
+  for (const float v : values) out->push_back(bytes(std::isfinite(v) ? map(double(v)) : none));
   return out;
 }
 
@@ -36,11 +36,12 @@ Color ramp_color(double value) {
 }
 
 std::shared_ptr<const VertexColors> ramp_colors(const std::vector<float>& values, double low, double high) {
-  return colored(values, [&](double v) { return ramp_color((v - low) / (high - low)); });
+  return colored(values, kNotMeasured, [&](double v) { return ramp_color((v - low) / (high - low)); });
 }
 
-std::shared_ptr<const VertexColors> diverging_colors(const std::vector<float>& values, double range) {
-  return colored(values, [&](double v) { return diverging_color(v / range); });
+std::shared_ptr<const VertexColors> diverging_colors(const std::vector<float>& values, double range,
+                                                     const Color& none) {
+  return colored(values, none, [&](double v) { return diverging_color(v / range); });
 }
 
 }  // namespace gnathion

@@ -14,6 +14,7 @@ Color ramp_color(double value);
 /// Values between low and high as colours; NaN is grey, "not measured".
 std::shared_ptr<const VertexColors> ramp_colors(const std::vector<float>& values, double low, double high);
 /// Signed values in ±range on the diverging map of the reports.
-std::shared_ptr<const VertexColors> diverging_colors(const std::vector<float>& values, double range);
+std::shared_ptr<const VertexColors> diverging_colors(const std::vector<float>& values, double range,
+                                                     const Color& none = {0.62, 0.62, 0.62});
 
 }  // namespace gnathion

@@ -32,8 +32,15 @@ std::vector<std::vector<Vector3>> border_of(const TriangleMesh& part) {
   std::vector<std::vector<Vector3>> out;
   for (const auto& loop : boundary_loops(part)) {
     if (loop.size() < 60) continue;  // specks of the classification, not the margin
+    // The border runs along edges of the mesh; the eye wants the curve, not its steps.
+    constexpr int kHalf = 6;
+    const auto n = static_cast<int>(loop.size());
     std::vector<Vector3> curve;
-    for (const std::uint32_t v : loop) curve.push_back(part.vertices_mm[v]);
+    for (int i = 0; i < n; ++i) {
+      Vector3 sum = Vector3::Zero();
+      for (int k = -kHalf; k <= kHalf; ++k) sum += part.vertices_mm[loop[static_cast<std::size_t>((i + k + n) % n)]];
+      curve.push_back(sum / (2 * kHalf + 1));
+    }
     curve.push_back(curve.front());
     out.push_back(std::move(curve));
   }

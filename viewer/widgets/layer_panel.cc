@@ -62,7 +62,7 @@ QWidget* LayerPanel::make_row(const Layer& layer) {
   opacity->setObjectName("opacity_" + id);
   opacity->setRange(5, 100);
   opacity->setValue(static_cast<int>(100 * layer.opacity));
-  opacity->setFixedWidth(64);
+  opacity->setFixedWidth(58);
   opacity->setToolTip("Opacity");
   connect(opacity, &QSlider::valueChanged, this,
           [this, key = layer.id](int percent) { layers_.set_opacity(key, percent / 100.0); });

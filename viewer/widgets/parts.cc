@@ -42,6 +42,7 @@ QTableWidget* plain_table(const QStringList& columns, const QString& object_name
   table->setHorizontalHeaderLabels(columns);
   table->verticalHeader()->hide();
   table->verticalHeader()->setDefaultSectionSize(22);
+  table->horizontalHeader()->setMinimumSectionSize(20);
   table->setShowGrid(false);
   table->setAlternatingRowColors(true);
   table->setSelectionBehavior(QAbstractItemView::SelectRows);

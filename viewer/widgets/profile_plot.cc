@@ -65,6 +65,12 @@ void ProfilePlot::fit() {
   update();
 }
 
+void ProfilePlot::look_at(const Eigen::Vector2d& centre_mm, double half_width_mm) {
+  centre_mm_ = centre_mm;
+  px_per_mm_ = std::min(width(), height()) / (2.0 * half_width_mm);
+  update();
+}
+
 QPointF ProfilePlot::to_widget(const Eigen::Vector2d& p) const {
   return {width() / 2.0 + (p.x() - centre_mm_.x()) * px_per_mm_,
           height() / 2.0 - (p.y() - centre_mm_.y()) * px_per_mm_};

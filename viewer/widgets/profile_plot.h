@@ -16,6 +16,7 @@ class ProfilePlot : public QWidget {
   void set_axes(const QString& x, const QString& y);
   void set_note(const QString& text);  ///< shown where there is nothing to draw
   void fit();                          ///< all curves in the window
+  void look_at(const Eigen::Vector2d& centre_mm, double half_width_mm);
   void set_measuring(bool on);
   /// The points set so far and what they say: "2.31 mm", "88.4°".
   const QString& measured() const { return measured_; }
