@@ -229,6 +229,8 @@ Status draw_range(const RangeOutcome& o, const std::filesystem::path& png) {
   for (std::size_t i = 0; i < std::min<std::size_t>(2, held.size()); ++i)
     d.text({6, 30 + 11 * static_cast<double>(i)}, held[i], small);
   const Point2 cell(kWidth / ax.cells, kHigh / ay.cells);
+  draw_x_axis(d, area, 8, axis_label(ax.axis), 8);
+  draw_y_axis(d, area, 8, axis_label(ay.axis), 8);
   const double sign = std::min({0.22 * cell.x(), 0.22 * cell.y(), 3.2});
   for (int iy = 0; iy < ay.cells; ++iy)
     for (int ix = 0; ix < ax.cells; ++ix) {
@@ -240,8 +242,6 @@ Status draw_range(const RangeOutcome& o, const std::filesystem::path& png) {
   for (int iy = 0; iy < ay.cells; ++iy)
     for (int ix = 0; ix < ax.cells; ++ix)
       draw_sign(d, range.at(ix, iy).verdict, area.at(ax.at(ix), ay.at(iy)), sign);
-  draw_x_axis(d, area, 8, axis_label(ax.axis), 8);
-  draw_y_axis(d, area, 8, axis_label(ay.axis), 8);
   const auto contour = [&](double level, const Paint& paint, auto value) {
     for (const Polyline2& line : level_lines(range, level, value))
       d.line(area.at(line[0].x(), line[0].y()), area.at(line[1].x(), line[1].y()), paint);
