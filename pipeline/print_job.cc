@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -146,12 +147,17 @@ json profile_json(const PrinterProfile& p, const PrintMaterial* material) {
 
 Status write_plate(const std::vector<Part>& parts, std::size_t plate, const std::string& profile,
                    const fs::path& folder) {
+  // Turned and scaled coordinates with a shift as the item's transform: slicers that hold a rotation and a
+  // scale apart cannot take both in one matrix.
+  std::vector<TriangleMesh> turned;
+  turned.reserve(parts.size());
   std::vector<PlatePart> items;
   TriangleMesh all;
   std::vector<std::pair<std::string, std::string>> metadata = {{"printer", profile}};
   for (const Part& part : parts) {
     if (part.placement.plate != plate) continue;
-    items.push_back({part.name, &part.splint.mesh, part.placement.linear, part.placement.translation_mm});
+    turned.push_back(placed({part.placement.linear, Vector3::Zero(), plate}, part.splint.mesh));
+    items.push_back({part.name, &turned.back(), Matrix3::Identity(), part.placement.translation_mm});
     all = merged(all, placed(part.placement, part.splint.mesh));
     metadata.emplace_back(fmt::format("part_{}", items.size()),
                           part.name + " design.json sha256:" + part.design_sha256);
@@ -163,10 +169,10 @@ Status write_plate(const std::vector<Part>& parts, std::size_t plate, const std:
 
 /// Names told apart: "splint", "splint_2".
 void number_equal_names(std::vector<Part>& parts) {
-  for (std::size_t i = 0; i < parts.size(); ++i) {
-    std::size_t before = 0;
-    for (std::size_t j = 0; j < i; ++j) before += parts[j].ply_sha256 != "" && parts[j].name == parts[i].name;
-    if (before > 0) parts[i].name += fmt::format("_{}", before + 1);
+  std::map<std::string, std::size_t> times;
+  for (Part& part : parts) {
+    const std::size_t n = ++times[part.name];
+    if (n > 1) part.name += fmt::format("_{}", n);
   }
 }
 

@@ -27,10 +27,10 @@ struct PrintOutcome {
   bool passed = false;  ///< no blocking gate failed
 };
 
-/// Writes into `folder` (which exists) print.json and, for each plate, plate_N.3mf (the splints as designed,
-/// each with its transform) and plate_N.stl (the same, transformed); nothing but print.json when a gate that
-/// blocks fails. Refused: a design that was rejected (kGate), a part that no plate holds (kGate), files that
-/// are missing or not the design's (kInput).
+/// Writes into `folder` (which exists) print.json and, for each plate, plate_N.3mf (the splints turned and
+/// compensated, each with its place as transform) and plate_N.stl (the same, transformed); nothing but
+/// print.json when a gate that blocks fails. Refused: a design that was rejected (kGate), a part that no
+/// plate holds (kGate), files that are missing or not the design's (kInput).
 Result<PrintOutcome> prepare_print(const PrintJob& job, const std::filesystem::path& folder,
                                    Progress& progress);
 
