@@ -16,6 +16,8 @@ ApiResult<fs::path> path_in_case(const CaseRoot& root, const fs::path& case_fold
                   fmt::format("the path '{}' {}: name a file inside the case's folder", given, why));
   };
   if (given.empty()) return refuse(ApiCode::kInvalidArgument, "a path is empty: name a file of the case");
+  if (std::any_of(given.begin(), given.end(), [](unsigned char c) { return c < 32 || c == 127; }))
+    return refuse(ApiCode::kInvalidArgument, "a path has no control characters: name a file of the case");
   if (path.is_absolute()) return outside("is absolute");
   if (std::find(path.begin(), path.end(), "..") != path.end()) return outside("leads out of the case");
   std::error_code ec;

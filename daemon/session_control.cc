@@ -491,6 +491,7 @@ LiveLedger SessionControl::ledger() const {
     // What the recording had to refuse, beside what the device itself did.
     if (rejected > live.rejected) live.rejected = rejected;
     live.missing = std::max(live.missing, counts.missing);
+    if (stream == MarkDevice::kStream) live.received = counts.received;  // no lane counts them
   }
   return ledger;
 }

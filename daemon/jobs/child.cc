@@ -160,7 +160,11 @@ Result<ChildEnd> run_child(const ChildOrder& order, const std::function<bool()>&
       if (n == 0) open = false;
       reader.feed(block, static_cast<std::size_t>(n));
     }
-    if (::waitpid(pid, &status, WNOHANG) == pid) break;
+    siginfo_t ended{};
+    // The dead leader is left there until its group is gone too: the number cannot be another's meanwhile.
+    if (::waitid(P_PID, static_cast<id_t>(pid), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+        ended.si_pid == pid)
+      break;
     if (!end.cancelled && cancelled()) {
       end.cancelled = true;
       since_term.restart();
@@ -172,6 +176,7 @@ Result<ChildEnd> run_child(const ChildOrder& order, const std::function<bool()>&
     }
   }
   ::kill(-pid, SIGKILL);  // what it may have started itself
+  ::waitpid(pid, &status, 0);
   if (WIFEXITED(status)) end.exit_code = WEXITSTATUS(status);
   if (WIFSIGNALED(status)) end.signal = WTERMSIG(status);
   end.output = read_up_to(order.work / "stdout", kMaxOutput);
