@@ -224,7 +224,7 @@ Result<PrintOutcome> prepare_print(const PrintJob& job, const fs::path& folder, 
                         part.name, design_gap_mm(part), material->name, material->gap_mm, material->gap_mm));
       if (gate.name == "cavity_support_mm2")
         outcome.warnings.push_back(fmt::format(
-            "{}: {:.1f} mm² of the cavity would need supports in every direction", part.name, gate.value));
+            "{}: {:.1f} mm² of the cavity need supports in the best direction", part.name, gate.value));
     }
     outcome.plates = std::max(outcome.plates, part.placement.plate + 1);
     part_facts.push_back(part_json(part));
