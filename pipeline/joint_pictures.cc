@@ -20,7 +20,7 @@ namespace {
 using Page = std::shared_ptr<const Drawing>;
 
 constexpr double kMapMm = 5.0;  // the map's lightest colour
-constexpr double kGapS = 0.25;  // rows farther apart than this are not joined
+constexpr double kGapS = 0.25;  // rows farther apart than this, and than three usual steps, are not joined
 
 /// Dark blue, teal, green, yellow for 0 … 1; lightness grows evenly, which every eye can read.
 Color near_to_far(double t) {
@@ -43,9 +43,13 @@ const JointQuery& query_of(const Patient& patient, Side side) {
 template <class At>
 std::vector<Polyline2> lines_of(const std::vector<JointRow>& rows, At at) {
   std::vector<Polyline2> lines;
+  const double step_s =
+      rows.size() > 1 ? (rows.back().time_s - rows.front().time_s) / static_cast<double>(rows.size() - 1)
+                      : 0.0;
+  const double gap_s = std::max(kGapS, 3.0 * step_s);
   double before = -1e9;
   for (const JointRow& r : rows) {
-    if (lines.empty() || r.time_s - before > kGapS) lines.emplace_back();
+    if (lines.empty() || r.time_s - before > gap_s) lines.emplace_back();
     before = r.time_s;
     lines.back().push_back(at(r));
   }
@@ -239,7 +243,7 @@ Status draw_maps(const JointMotions& motions, const Patient& patient,
     small.size_pt = 7.5;
     const std::pair<const char*, SceneView> views[] = {
         {"from above, forward is up", {arch.up, arch.anterior, 1.0}},
-        {"from in front", {arch.anterior, arch.up, 1.0}}};
+        {"from in front", {arch.anterior, arch.up, 0.7}}};
     double y = 24;
     for (const auto& [name, view] : views) {
       GNATHION_TRY(const RenderedView picture, render_view({shown}, {}, view, options));
