@@ -27,8 +27,8 @@ CoarseMesh clustered(const TriangleMesh& mesh, std::size_t triangles) {
   std::vector<std::uint64_t> keys;
   for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
     const Vector3 k = ((mesh.vertices_mm[i] - low) / cell_mm).array().floor();
-    const std::uint64_t key = static_cast<std::uint64_t>(k.x()) << 42 | static_cast<std::uint64_t>(k.y()) << 21 |
-                              static_cast<std::uint64_t>(k.z());
+    const std::uint64_t key = static_cast<std::uint64_t>(k.x()) << 42 |
+                              static_cast<std::uint64_t>(k.y()) << 21 | static_cast<std::uint64_t>(k.z());
     const auto [at, fresh] = cells.try_emplace(key);
     if (fresh) {
       at->second.index = static_cast<std::uint32_t>(keys.size());

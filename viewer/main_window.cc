@@ -74,16 +74,22 @@ MainWindow::~MainWindow() {
 void MainWindow::make_centre() {
   scene_ = std::make_unique<Scene3d>(document_.layers(), jobs_, nullptr, "scene");
   second_ = std::make_unique<Scene3d>(second_layers_, jobs_, nullptr, "secondScene");
-  bench_ = std::make_unique<Workbench>(Workbench{
-      document_, jobs_, *scene_, *second_, second_layers_,
-      [this](bool shown) {
-        second_->widget()->setVisible(shown);
-        scene_->set_caption(shown ? "This design" : "");
-        if (shown) second_->link_camera(*scene_);
-        else second_->unlink_camera();
-      },
-      [this](const QString& line) { statusBar()->showMessage(line, 8000); },
-      {}});
+  bench_ = std::make_unique<Workbench>(
+      Workbench{document_,
+                jobs_,
+                *scene_,
+                *second_,
+                second_layers_,
+                [this](bool shown) {
+                  second_->widget()->setVisible(shown);
+                  scene_->set_caption(shown ? "This design" : "");
+                  if (shown)
+                    second_->link_camera(*scene_);
+                  else
+                    second_->unlink_camera();
+                },
+                [this](const QString& line) { statusBar()->showMessage(line, 8000); },
+                {}});
   auto* pair = new QSplitter(Qt::Horizontal);
   pair->addWidget(scene_->widget());
   pair->addWidget(second_->widget());
@@ -105,7 +111,9 @@ void MainWindow::make_centre() {
     const Layer* layer = document_.layers().find(p->layer);
     coordinates_->setText(QString("%1   x %2   y %3   z %4 mm")
                               .arg(layer ? QString::fromStdString(layer->name) : "")
-                              .arg(p->at_mm.x(), 0, 'f', 2).arg(p->at_mm.y(), 0, 'f', 2).arg(p->at_mm.z(), 0, 'f', 2));
+                              .arg(p->at_mm.x(), 0, 'f', 2)
+                              .arg(p->at_mm.y(), 0, 'f', 2)
+                              .arg(p->at_mm.z(), 0, 'f', 2));
   });
   scene_->plane_moved.add([this](const SectionPlane&) { cut(); });
 }
@@ -208,7 +216,11 @@ void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
     empty_->clear();
   start_section();
   // The step where the work stands: the last one that has something.
-  const int step = content->mesh("splint") ? 4 : content->therapeutic ? 3 : content->chain ? 2 : content->motion ? 1 : 0;
+  const int step = content->mesh("splint") ? 4
+                   : content->therapeutic  ? 3
+                   : content->chain        ? 2
+                   : content->motion       ? 1
+                                           : 0;
   if (steps_->currentIndex() == step) go_to_step(step);
   steps_->setCurrentIndex(step);
   look("oblique");
@@ -217,7 +229,9 @@ void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
   for (const Absence& a : content->absences)
     if (a.broken && !broken++) first = QString::fromStdString(a.what + ": " + a.why);
   if (broken)
-    messages_->show_error(QString("Opened with what is there. %1%2").arg(first, broken > 1 ? QString(" (and %1 more, see the steps)").arg(broken - 1) : ""));
+    messages_->show_error(
+        QString("Opened with what is there. %1%2")
+            .arg(first, broken > 1 ? QString(" (and %1 more, see the steps)").arg(broken - 1) : ""));
 }
 
 void MainWindow::go_to_step(int step) {
@@ -300,8 +314,9 @@ void MainWindow::cut() {
       [cuts, plane = scene_->plane()](JobContext& context) {
         for (Cut& c : *cuts) {
           context.throw_if_cancelled();
-          c.look.lines = cut_mesh(*c.mesh, {c.mesh_from_dental * plane.origin_mm, c.mesh_from_dental.rotation * plane.x_axis,
-                                            c.mesh_from_dental.rotation * plane.y_axis});
+          c.look.lines = cut_mesh(
+              *c.mesh, {c.mesh_from_dental * plane.origin_mm, c.mesh_from_dental.rotation * plane.x_axis,
+                        c.mesh_from_dental.rotation * plane.y_axis});
         }
       },
       [this, cuts] {

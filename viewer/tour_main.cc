@@ -70,13 +70,12 @@ void take_pictures(MainWindow& w, const QString& folder) {
   go(w, 1);
   auto* timeline = part<Timeline>(w, "timeline");
   act(w, "view_oblique");
-  timeline->set_time(0.3 * timeline->end_s());
+  timeline->set_time(0.14 * timeline->end_s());
   timeline->scrubbed(timeline->time_s());
   part<QCheckBox>(w, "contactsBox")->setChecked(true);
   take("viewer_motion");
   part<QCheckBox>(w, "contactsBox")->setChecked(false);
   go(w, 2);
-  act(w, "view_oblique");
   take("viewer_calibrate");
   go(w, 3);
   act(w, "view_oblique");
@@ -121,7 +120,8 @@ Frames turn(MainWindow& w) {
   int n = 0;
   while (clock.elapsed() < 2500) {
     frame.start();
-    send(QEvent::MouseMove, centre + QPoint(static_cast<int>(80 * std::sin(0.05 * n)), n % 7), Qt::NoButton, Qt::LeftButton);
+    send(QEvent::MouseMove, centre + QPoint(static_cast<int>(80 * std::sin(0.05 * n)), n % 7), Qt::NoButton,
+         Qt::LeftButton);
     QApplication::processEvents();
     f.worst_ms = std::max(f.worst_ms, static_cast<double>(frame.nsecsElapsed()) / 1e6);
     ++n;
@@ -171,7 +171,8 @@ void measure(MainWindow& w) {
   std::printf("| case open, from the call to the full picture | %.2f s (files alone %.2f s) |\n", w.open_s(),
               w.document().content().load_s);
   go(w, 4);
-  for (const auto& [id, triangles] : {std::pair{"maxilla", 200000}, {"mandible_tp", 200000}, {"splint", 500000}}) {
+  for (const auto& [id, triangles] :
+       {std::pair{"maxilla", 200000}, {"mandible_tp", 200000}, {"splint", 500000}}) {
     const Layer* layer = w.document().layers().find(id);
     if (!layer) continue;
     Layer fine = *layer;
@@ -186,15 +187,16 @@ void measure(MainWindow& w) {
   QApplication::processEvents();
   const QSize size = w.scene().widget()->size();
   const Frames f = turn(w);
-  std::printf("| %zu triangles turned at %d × %d | %.1f frames a second, slowest frame %.0f ms |\n", shown, size.width(),
-              size.height(), f.per_second, f.worst_ms);
+  std::printf("| %zu triangles turned at %d × %d | %.1f frames a second, slowest frame %.0f ms |\n", shown,
+              size.width(), size.height(), f.per_second, f.worst_ms);
   std::printf("| the same at rest, full detail | %.0f ms a picture |\n", f.rest_ms);
   part<QPushButton>(w, "buildSplint")->click();
   const double pause = longest_pause_ms([&] { return !w.jobs().busy(); });
   std::printf("| longest pause of the window during a full build | %.0f ms |\n", pause);
   double load[1] = {0};
   (void)!getloadavg(load, 1);
-  std::printf("| load of the machine meanwhile | %.1f on %u cores |\n", load[0], std::thread::hardware_concurrency());
+  std::printf("| load of the machine meanwhile | %.1f on %u cores |\n", load[0],
+              std::thread::hardware_concurrency());
 }
 
 }  // namespace
@@ -213,7 +215,9 @@ int main(int argc, char** argv) {
   window.show();
   window.open(argv[1]);
   if (!gnathion::wait([&] { return !window.loading() && window.open_s() > 0; })) return 1;
-  if (std::string(argv[2]) == "--bench") gnathion::measure(window);
-  else if (argc > 3) gnathion::take_pictures(window, argv[3]);
+  if (std::string(argv[2]) == "--bench")
+    gnathion::measure(window);
+  else if (argc > 3)
+    gnathion::take_pictures(window, argv[3]);
   return 0;
 }

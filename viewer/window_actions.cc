@@ -22,8 +22,9 @@ namespace {
 struct NamedView {
   const char *name, *key;
 };
-constexpr NamedView kViews[] = {{"Front", "1"}, {"Right", "2"}, {"Left", "3"},   {"Upper occlusal", "4"},
-                                {"Lower occlusal", "5"}, {"Condyle", "6"}, {"Oblique", "7"}};
+constexpr NamedView kViews[] = {{"Front", "1"},          {"Right", "2"},          {"Left", "3"},
+                                {"Upper occlusal", "4"}, {"Lower occlusal", "5"}, {"Condyle", "6"},
+                                {"Oblique", "7"}};
 
 constexpr const char* kShortcuts =
     "<table cellspacing=6>"
@@ -159,7 +160,8 @@ void MainWindow::make_status() {
   statusBar()->addPermanentWidget(job_text_);
   statusBar()->addPermanentWidget(job_bar_);
   statusBar()->addPermanentWidget(job_cancel_);
-  statusBar()->showMessage("Left drag: turn. Middle or Shift drag: move. Right drag or wheel: zoom. F1: all keys.");
+  statusBar()->showMessage(
+      "Left drag: turn. Middle or Shift drag: move. Right drag or wheel: zoom. F1: all keys.");
   job_timer_.setInterval(100);
   connect(&job_timer_, &QTimer::timeout, this, [this] { show_job(); });
   show_job();
@@ -178,7 +180,8 @@ void MainWindow::show_job() {
 }
 
 void MainWindow::look(const QString& name) {
-  const ArchFrame arch = document_.is_open() && document_.content().arch ? *document_.content().arch : ArchFrame{};
+  const ArchFrame arch =
+      document_.is_open() && document_.content().arch ? *document_.content().arch : ArchFrame{};
   if (name == "condyle") {
     for (const char* id : {"condyle_left", "condyle_right"})
       if (const Layer* l = document_.layers().find(id); l && l->visible) {
@@ -206,9 +209,12 @@ void MainWindow::save_screenshot() {
   QDir().mkpath(folder);
   QString path;
   for (int i = 1;; ++i)
-    if (path = QString("%1/screenshot_%2.png").arg(folder).arg(i, 3, 10, QChar('0')); !QFile::exists(path)) break;
-  if (grab().save(path)) document_.notice("Saved " + path);
-  else document_.report("The screenshot could not be written to " + path);
+    if (path = QString("%1/screenshot_%2.png").arg(folder).arg(i, 3, 10, QChar('0')); !QFile::exists(path))
+      break;
+  if (grab().save(path))
+    document_.notice("Saved " + path);
+  else
+    document_.report("The screenshot could not be written to " + path);
 }
 
 /// A sheet over the window, not a dialog: Esc, F1 or a click puts it away.

@@ -57,8 +57,8 @@ class JobRunner {
   /// mouse. `quiet`: not shown as a job.
   void run_latest(const std::string& slot, Work work, std::function<void()> done);
   void cancel_all();
-  bool busy() const;      ///< a named job runs
-  bool any() const;       ///< or anything else
+  bool busy() const;       ///< a named job runs
+  bool any() const;        ///< or anything else
   JobState state() const;  ///< of the named job that runs longest
 
   Listeners<> changed;  ///< a named job began or ended

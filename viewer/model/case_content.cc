@@ -77,7 +77,8 @@ std::vector<Wanted> wanted_surfaces(const CaseContent& c) {
   const fs::path r = c.results();
   const fs::path splint = is_there(r / "splint.stl") ? r / "splint.stl" : r / "splint.rejected.stl";
   std::vector<Wanted> wanted = {
-      {"maxilla_mi", Step::kCapture, "Upper scan", "name it in [scans] of case.toml", c.files.maxilla_mi, true},
+      {"maxilla_mi", Step::kCapture, "Upper scan", "name it in [scans] of case.toml", c.files.maxilla_mi,
+       true},
       {"mandible_mi", Step::kCapture, "Lower scan", "name it in [scans] of case.toml", c.files.mandible_mi,
        true},
       {"mandible_clutch", Step::kCalibrate, "Scan of the clutch", "scan the lower teeth with the clutch on",
@@ -86,7 +87,8 @@ std::vector<Wanted> wanted_surfaces(const CaseContent& c) {
        false},
       {"face_tp", Step::kCalibrate, "Face scan in TP", "the second route to T_th needs it", c.files.face_tp,
        false},
-      {"bow", Step::kCalibrate, "Model of the bow", "name it in [bodies] of case.toml", c.files.bow_model, true},
+      {"bow", Step::kCalibrate, "Model of the bow", "name it in [bodies] of case.toml", c.files.bow_model,
+       true},
       {"splint", Step::kDesign, "Splint", "build it here, or with 'gnathion run'", splint, true}};
   add_truth(c, wanted);
   return wanted;
@@ -122,7 +124,8 @@ SharedJson read_report(CaseContent& c, const char* file, Step step, const char* 
   }
   Result<nlohmann::json> j = read_json(path);
   if (j && j->is_object()) return std::make_shared<const nlohmann::json>(std::move(*j));
-  c.absences.push_back({step, what, std::string(file) + (j ? ": not an object" : ": " + j.error().why), true});
+  c.absences.push_back(
+      {step, what, std::string(file) + (j ? ": not an object" : ": " + j.error().why), true});
   return nullptr;
 }
 
@@ -132,8 +135,10 @@ std::optional<MotionFile> read_transform(CaseContent& c, const char* file, const
     if (*remedy) c.absences.push_back({Step::kTransformation, "T_th", remedy, false});
     return std::nullopt;
   }
-  if (Result<MotionFile> motion = read_motion(path)) return std::move(*motion);
-  else c.absences.push_back({Step::kTransformation, file, motion.error().why, true});
+  if (Result<MotionFile> motion = read_motion(path))
+    return std::move(*motion);
+  else
+    c.absences.push_back({Step::kTransformation, file, motion.error().why, true});
   return std::nullopt;
 }
 
@@ -165,8 +170,10 @@ void read_frames(CaseContent& c) {
     c.absences.push_back({Step::kCalibrate, "Graph of frames", "'gnathion run' registers the scans", false});
     return;
   }
-  if (Result<FramesGraph> graph = read_case_frames(c.folder)) c.frames = std::move(*graph);
-  else c.absences.push_back({Step::kCalibrate, "Graph of frames", graph.error().why, true});
+  if (Result<FramesGraph> graph = read_case_frames(c.folder))
+    c.frames = std::move(*graph);
+  else
+    c.absences.push_back({Step::kCalibrate, "Graph of frames", graph.error().why, true});
 }
 
 }  // namespace
@@ -205,13 +212,17 @@ std::shared_ptr<const CaseContent> load_case(const fs::path& folder) {
   c.design = read_report(c, "design.json", Step::kDesign, "Gates", "a full build measures them");
   c.displacement = read_report(c, "displacement.json", Step::kTransformation, "Displacement", "");
   read_frames(c);
-  if (is_there(folder / "evaluation.toml")) c.evaluation = folder / "evaluation.toml";
-  else c.absences.push_back({Step::kEvaluate, "Scans of the printed splint",
-                             "name them in evaluation.toml, or try a virtual print", false});
+  if (is_there(folder / "evaluation.toml"))
+    c.evaluation = folder / "evaluation.toml";
+  else
+    c.absences.push_back({Step::kEvaluate, "Scans of the printed splint",
+                          "name them in evaluation.toml, or try a virtual print", false});
   const SharedMesh upper = c.mesh("maxilla_mi"), lower = c.mesh("mandible_mi");
   if (upper && lower) {
-    if (Result<ArchFrame> arch = find_arch(*upper, *lower)) c.arch = std::move(*arch);
-    else c.absences.push_back({Step::kCapture, "Dental arches", arch.error().why, true});
+    if (Result<ArchFrame> arch = find_arch(*upper, *lower))
+      c.arch = std::move(*arch);
+    else
+      c.absences.push_back({Step::kCapture, "Dental arches", arch.error().why, true});
   }
   c.load_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return content;

@@ -40,11 +40,12 @@ struct Absence {
 struct CaseContent {
   std::filesystem::path folder;
   std::string title, kind;
-  CaseFile files;                          ///< paths that the case names; empty ones are absent
-  std::map<std::string, SharedMesh> meshes;  ///< by role: "maxilla_mi", "splint", "face_mi", "condyle_left", …
+  CaseFile files;  ///< paths that the case names; empty ones are absent
+  std::map<std::string, SharedMesh>
+      meshes;  ///< by role: "maxilla_mi", "splint", "face_mi", "condyle_left", …
   std::optional<ArchFrame> arch;
   std::optional<MotionFile> therapeutic, by_camera, by_faces;
-  std::optional<JawMotion> motion;            ///< from MI, in Dental
+  std::optional<JawMotion> motion;               ///< from MI, in Dental
   std::shared_ptr<const SessionMotion> session;  ///< motion.mcap: events and poses
   std::optional<FramesGraph> frames;
   SharedJson chain, design, feasibility, displacement, camera_source;

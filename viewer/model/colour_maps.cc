@@ -9,12 +9,15 @@ namespace gnathion {
 namespace {
 
 std::array<std::uint8_t, 3> bytes(const Color& c) {
-  const auto byte = [](double v) { return static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0, 1.0))); };
+  const auto byte = [](double v) {
+    return static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0, 1.0)));
+  };
   return {byte(c[0]), byte(c[1]), byte(c[2])};
 }
 
 template <class Map>
-std::shared_ptr<const VertexColors> colored(const std::vector<float>& values, const Color& none, const Map& map) {
+std::shared_ptr<const VertexColors> colored(const std::vector<float>& values, const Color& none,
+                                            const Map& map) {
   auto out = std::make_shared<VertexColors>();
   out->reserve(values.size());
   for (const float v : values) out->push_back(bytes(std::isfinite(v) ? map(double(v)) : none));
@@ -25,8 +28,8 @@ std::shared_ptr<const VertexColors> colored(const std::vector<float>& values, co
 
 Color ramp_color(double value) {
   // Lightness rises evenly; blue to yellow survives red-green blindness.
-  constexpr Color kStops[] = {{0.05, 0.12, 0.35}, {0.22, 0.33, 0.46}, {0.42, 0.50, 0.47},
-                              {0.68, 0.66, 0.38}, {0.98, 0.88, 0.30}};
+  constexpr Color kStops[] = {
+      {0.05, 0.12, 0.35}, {0.22, 0.33, 0.46}, {0.42, 0.50, 0.47}, {0.68, 0.66, 0.38}, {0.98, 0.88, 0.30}};
   const double s = std::clamp(value, 0.0, 1.0) * 4;
   const int k = std::min(3, static_cast<int>(s));
   const double f = s - k;

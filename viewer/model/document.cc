@@ -59,8 +59,10 @@ void Document::open(std::shared_ptr<const CaseContent> content) {
     const Result<nlohmann::json> j = read_json(last);
     Result<SessionState> restored =
         j ? session_from_json(*j, state_) : Result<SessionState>(tl::unexpected<Error>(j.error()));
-    if (restored) state_ = std::move(*restored);
-    else trouble = QString::fromStdString(restored.error().line());
+    if (restored)
+      state_ = std::move(*restored);
+    else
+      trouble = QString::fromStdString(restored.error().line());
   }
   layers_.clear();
   opened();

@@ -18,7 +18,8 @@ SixValues six_of(const Rigid3& t, const ArchFrame& arch) {
 }
 
 Rigid3 motion_of(const SixValues& six, const ArchFrame& arch) {
-  const Vector3 w = kDegree * (six.opening_deg * arch.left + six.yaw_deg * arch.up - six.roll_deg * arch.anterior);
+  const Vector3 w =
+      kDegree * (six.opening_deg * arch.left + six.yaw_deg * arch.up - six.roll_deg * arch.anterior);
   const Vector3 d = six.left_mm * arch.left + six.forward_mm * arch.anterior - six.down_mm * arch.up;
   const Matrix3 r = exp_so3(w);
   return {r, arch.incisal_mm + d - r * arch.incisal_mm};

@@ -23,9 +23,9 @@ std::string edits_toml(const SplintEdits& edits) {
   constexpr const char* kKinds[] = {"add", "remove", "smooth"};
   std::string out;
   for (const Stroke& s : edits.strokes)
-    out += fmt::format("[[design.stroke]]\nkind = \"{}\"\nradius_mm = {:.4f}\ndepth_mm = {:.4f}\npath_mm = {}\n",
-                       kKinds[static_cast<std::size_t>(s.kind)], s.radius_mm, s.depth_mm,
-                       points_text(s.path_mm));
+    out += fmt::format(
+        "[[design.stroke]]\nkind = \"{}\"\nradius_mm = {:.4f}\ndepth_mm = {:.4f}\npath_mm = {}\n",
+        kKinds[static_cast<std::size_t>(s.kind)], s.radius_mm, s.depth_mm, points_text(s.path_mm));
   for (const Region& r : edits.cutouts)
     out += fmt::format("[[design.cutout]]\noutline_mm = {}\n", points_text(r.outline_mm));
   for (const Region& r : edits.contacts)
@@ -76,7 +76,8 @@ Result<SessionState> session_from_json(const json& j, SessionState base) {
   if (j.contains("parameters") && j["parameters"].is_object())
     for (const auto& [name, value] : j["parameters"].items())
       if (value.is_number())
-        GNATHION_CHECK_OK(set_parameter(s.parameters, fmt::format("design.{}={}", name, value.get<double>())));
+        GNATHION_CHECK_OK(
+            set_parameter(s.parameters, fmt::format("design.{}={}", name, value.get<double>())));
   GNATHION_CHECK_OK(check_parameters(s.parameters));
   if (j.contains("edits_toml") && j["edits_toml"].is_string()) {
     GNATHION_TRY(s.edits, parse_edits(j["edits_toml"].get<std::string>(), "viewer.json"));

@@ -21,7 +21,7 @@ struct SessionState {
   std::string therapeutic_source;     ///< "T_th.json", "sliders", "motion at 3.25 s"
   SplintParameters parameters;
   SplintEdits edits;
-  Arch arch = Arch::kMaxilla;  ///< that wears the splint
+  Arch arch = Arch::kMaxilla;                           ///< that wears the splint
   std::optional<std::pair<double, double>> mi_s, tp_s;  ///< picked on the timeline
 };
 

@@ -38,7 +38,8 @@ std::vector<std::vector<Vector3>> border_of(const TriangleMesh& part) {
     std::vector<Vector3> curve;
     for (int i = 0; i < n; ++i) {
       Vector3 sum = Vector3::Zero();
-      for (int k = -kHalf; k <= kHalf; ++k) sum += part.vertices_mm[loop[static_cast<std::size_t>((i + k + n) % n)]];
+      for (int k = -kHalf; k <= kHalf; ++k)
+        sum += part.vertices_mm[loop[static_cast<std::size_t>((i + k + n) % n)]];
       curve.push_back(sum / (2 * kHalf + 1));
     }
     curve.push_back(curve.front());
@@ -53,8 +54,8 @@ std::shared_ptr<const TriangleMesh> part_of(const TriangleMesh& mesh, const std:
 
 }  // namespace
 
-SplintMaps splint_maps(const TriangleMesh& splint, const TriangleMesh& support, const TriangleMesh& opposing_tp,
-                       Progress& progress) {
+SplintMaps splint_maps(const TriangleMesh& splint, const TriangleMesh& support,
+                       const TriangleMesh& opposing_tp, Progress& progress) {
   SplintMaps out;
   progress.begin_step("distances to the teeth", 0.5);
   const MeshQuery own(splint), jaw(support), opposing(opposing_tp);

@@ -18,8 +18,8 @@ struct SplintMaps {
   std::vector<float> seat_mm;       ///< per vertex: to the teeth that wear it; NaN beyond 3 mm
 };
 /// `support`: the arch that wears the splint. All in Dental, in TP. For a background job.
-SplintMaps splint_maps(const TriangleMesh& splint, const TriangleMesh& support, const TriangleMesh& opposing_tp,
-                       Progress& progress);
+SplintMaps splint_maps(const TriangleMesh& splint, const TriangleMesh& support,
+                       const TriangleMesh& opposing_tp, Progress& progress);
 
 /// Per vertex of the arch: the angle by which its surface faces away from where the splint comes, degrees;
 /// positive is undercut.

@@ -39,7 +39,7 @@ CalibratePanel::CalibratePanel(Workbench& bench) : Panel(bench, Step::kCalibrate
   column->addWidget(wrapped("Choose one to see the surfaces laid over each other.", true));
   registrations_ = plain_table({"What on what", "RMS", "Held out", "Cond."}, "registrationTable");
   registrations_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
-  for (const int c : {1, 2, 3}) registrations_->setColumnWidth(c, c == 3 ? 50 : 62);
+  for (const int c : {1, 2, 3}) registrations_->setColumnWidth(c, c == 3 ? 44 : c == 2 ? 60 : 46);
   registrations_->setMinimumHeight(140);
   connect(registrations_, &QTableWidget::cellClicked, this, [this](int row, int) { show_registration(row); });
   column->addWidget(registrations_, 1);
@@ -63,9 +63,10 @@ CalibratePanel::CalibratePanel(Workbench& bench) : Panel(bench, Step::kCalibrate
   strip_->setMinimumHeight(200);
   graph_->edge_clicked = [this](std::size_t edge) {
     const FrameEdge& e = document().content().frames->edges()[edge];
-    facts_->setText(QString("<b>%1</b><br>%2%3").arg(
-        QString::fromStdString(e.name()).toHtmlEscaped(), QString::fromStdString(e.source).toHtmlEscaped(),
-        e.date.empty() ? "" : ", " + QString::fromStdString(e.date)));
+    facts_->setText(QString("<b>%1</b><br>%2%3")
+                        .arg(QString::fromStdString(e.name()).toHtmlEscaped(),
+                             QString::fromStdString(e.source).toHtmlEscaped(),
+                             e.date.empty() ? "" : ", " + QString::fromStdString(e.date)));
   };
   document().opened.add([this] { opened(); });
 }
@@ -81,16 +82,26 @@ void CalibratePanel::opened() {
   list_registrations();
   show_views();
   QStringList done;
-  if (chain_) done << QString("T_D: %1 mm RMS, %2 mm held out").arg(chain_->bow_from_dental.rms_mm, 0, 'f', 3).arg(chain_->bow_from_dental.held_out_mm, 0, 'f', 3);
+  if (chain_)
+    done << QString("T_D: %1 mm RMS, %2 mm held out")
+                .arg(chain_->bow_from_dental.rms_mm, 0, 'f', 3)
+                .arg(chain_->bow_from_dental.held_out_mm, 0, 'f', 3);
   if (chain_ && chain_->tracked)
-    done << QString("camera and scans agree to %1 mm (p %2)").arg(chain_->tracked->therapeutic_mm, 0, 'f', 3).arg(chain_->tracked->p_value, 0, 'f', 2);
+    done << QString("camera and scans agree to %1 mm (p %2)")
+                .arg(chain_->tracked->therapeutic_mm, 0, 'f', 3)
+                .arg(chain_->tracked->p_value, 0, 'f', 2);
   auto missing = absences();
   if (c.frames) {
     const auto loops = c.frames->loops();
-    const auto open = std::count_if(loops.begin(), loops.end(), [](const FrameLoop& l) { return !l.consistent(); });
-    done << QString("%1 registrations, %2 loops%3").arg(c.frames->edges().size()).arg(loops.size())
+    const auto open =
+        std::count_if(loops.begin(), loops.end(), [](const FrameLoop& l) { return !l.consistent(); });
+    done << QString("%1 registrations, %2 loops%3")
+                .arg(c.frames->edges().size())
+                .arg(loops.size())
                 .arg(open ? "" : ", all close");
-    if (open) missing.push_back({Step::kCalibrate, "Loops", std::to_string(open) + " do not close: see the graph", true});
+    if (open)
+      missing.push_back(
+          {Step::kCalibrate, "Loops", std::to_string(open) + " do not close: see the graph", true});
   }
   if (chain_)
     for (const std::string& w : chain_->warnings) missing.push_back({Step::kCalibrate, "Warning", w, true});
@@ -112,13 +123,13 @@ void CalibratePanel::list_registrations() {
   };
   const CaseContent& c = document().content();
   if (chain_) {
-    add("bow", "Bow on the lower teeth (T_D)", &chain_->bow_from_dental);
+    add("bow", "Bow on lower teeth (T_D)", &chain_->bow_from_dental);
     if (chain_->has_faces) {
-      add("face", "Face scan MI on the bow (T_F)", &chain_->bow_from_face);
-      add("face_teeth", "Face scan MI on the teeth (T)", &chain_->dental_from_face);
+      add("face", "Face scan on bow (T_F)", &chain_->bow_from_face);
+      add("face_teeth", "Face scan on teeth (T)", &chain_->dental_from_face);
     }
   }
-  if (c.mesh("mandible_clutch") && c.mesh("mandible_mi")) add("clutch", "Clutch scan on the lower teeth", nullptr);
+  if (c.mesh("mandible_clutch") && c.mesh("mandible_mi")) add("clutch", "Clutch scan on teeth", nullptr);
   for (const int column : {1, 2}) registrations_->horizontalHeaderItem(column)->setToolTip("mm");
 }
 
@@ -141,7 +152,8 @@ void CalibratePanel::show_registration(int row) {
     const bool teeth = id == "face_teeth";
     show_weak(teeth ? chain_->dental_from_face : chain_->bow_from_face,
               teeth ? Rigid3::identity() : chain_->bow_from_dental.value.inverse());
-    overlay("Face scan", face, bow, chain_->bow_from_dental.value.inverse(), chain_->bow_from_face.value, "face");
+    overlay("Face scan", face, bow, chain_->bow_from_dental.value.inverse(), chain_->bow_from_face.value,
+            "face");
   }
 }
 
@@ -162,12 +174,14 @@ void CalibratePanel::show_weak(const ChainPose& pose, const Rigid3& dental_from_
     const Vector3 half = std::clamp(kShown * sigma, 3.0, 25.0) * axes.eigenvectors().col(2);
     o.arrows.push_back({p, p + half, safe_palette::kVermilion});
     o.arrows.push_back({p, p - half, safe_palette::kVermilion});
-    o.labels.push_back({p + 1.2 * half, QString("±%1 mm").arg(sigma, 0, 'f', 3).toStdString(),
-                        {0.55, 0.2, 0.0}, 14, true});
+    o.labels.push_back(
+        {p + 1.2 * half, QString("±%1 mm").arg(sigma, 0, 'f', 3).toStdString(), {0.55, 0.2, 0.0}, 14, true});
   }
   bench_.scene.set_overlay("weak", std::move(o));
-  QStringList lines = {QString("<b>%1 mm</b> (1σ) forecast at the teeth; arrows show the weakest direction, 100 times.")
-                           .arg(at_points_mm(covariance, points), 0, 'f', 3)};
+  bench_.scene.look_at(c.arch->origin_mm, 95);
+  QStringList lines = {
+      QString("<b>%1 mm</b> (1σ) forecast at the teeth; arrows show the weakest direction, 100 times.")
+          .arg(at_points_mm(covariance, points), 0, 'f', 3)};
   for (const std::string& w : pose.weak) lines << QString::fromStdString(w).toHtmlEscaped();
   if (pose.weak.empty()) lines << "No direction is weak.";
   facts_->setText(lines.join("<br>"));
@@ -221,16 +235,16 @@ void CalibratePanel::overlay(const QString& name, SharedMesh source, SharedMesh 
           fixed.mesh = target;
           fixed.pose = dental_from_target;
           fixed.color_3d = {0.62, 0.70, 0.78};
-          fixed.opacity = 0.45;
+          fixed.opacity = 0.3;
           document().layers().put(std::move(fixed));
         }
         bench_.scene.set_colour_scale(ColourScale{"residual, mm", -kResidualRangeMm, kResidualRangeMm, true});
         std::vector<double> values;
         for (const float v : found->residual_mm)
           if (std::isfinite(v) && std::abs(v) < 0.5f) values.push_back(double(v));
-        histogram_->set_drawing(std::make_shared<const Drawing>(histogram_chart(
-            histogram_of(values, -kResidualRangeMm, kResidualRangeMm, 40), kResidualRangeMm, "residual, mm",
-            name.toStdString())));
+        histogram_->set_drawing(std::make_shared<const Drawing>(
+            histogram_chart(histogram_of(values, -kResidualRangeMm, kResidualRangeMm, 40), kResidualRangeMm,
+                            "residual, mm", name.toStdString())));
       });
 }
 
@@ -239,7 +253,8 @@ void CalibratePanel::show_views() {
   views_->setRowCount(0);
   namespace fs = std::filesystem;
   const fs::path folder = document().content().folder;
-  for (const fs::path& path : {folder / "camera.json", folder / "results" / "camera.json", folder / "rig.json"}) {
+  for (const fs::path& path :
+       {folder / "camera.json", folder / "results" / "camera.json", folder / "rig.json"}) {
     const Result<nlohmann::json> j = read_json(path);
     if (!j || !j->is_object()) continue;
     std::vector<nlohmann::json> cameras;
@@ -256,7 +271,8 @@ void CalibratePanel::show_views() {
         views_->setItem(row, 0, cell(QString::fromStdString(v.value("name", std::string("?")))));
         views_->setItem(row, 1, cell(QString::number(v["rms_px"].get<double>(), 'f', 3), true));
         const bool held = v.contains("held_out_px") && v["held_out_px"].is_number();
-        views_->setItem(row, 2, cell(held ? QString::number(v["held_out_px"].get<double>(), 'f', 3) : "", true));
+        views_->setItem(row, 2,
+                        cell(held ? QString::number(v["held_out_px"].get<double>(), 'f', 3) : "", true));
       }
     }
   }

@@ -69,7 +69,8 @@ CapturePanel::CapturePanel(Workbench& bench, Connect reach, std::string socket)
     b->setMinimumHeight(42);
     return b;
   };
-  marks->addWidget(mark_mi_ = mark("Mark MI", "markMi", "MI", "The jaw rests in MI (key M); the pedal does the same"));
+  marks->addWidget(
+      mark_mi_ = mark("Mark MI", "markMi", "MI", "The jaw rests in MI (key M); the pedal does the same"));
   marks->addWidget(mark_tp_ = mark("Mark TP", "markTp", "TP", "The jaw rests in TP (key T)"));
   marks->addWidget(mark_ = mark("Mark", "markAny", "mark", "Something worth finding again (key K)"));
   column->addLayout(marks);
@@ -93,7 +94,8 @@ CapturePanel::CapturePanel(Workbench& bench, Connect reach, std::string socket)
   takes_->setMaximumHeight(96);
   column->addWidget(takes_);
   strip_ = make_strip();
-  for (const auto& [key, target] : {std::pair{Qt::Key_R, record_}, {Qt::Key_M, mark_mi_}, {Qt::Key_T, mark_tp_}, {Qt::Key_K, mark_}}) {
+  for (const auto& [key, target] :
+       {std::pair{Qt::Key_R, record_}, {Qt::Key_M, mark_mi_}, {Qt::Key_T, mark_tp_}, {Qt::Key_K, mark_}}) {
     auto* shortcut = new QShortcut(QKeySequence(key), this);
     connect(shortcut, &QShortcut::activated, target, &QPushButton::click);
   }
@@ -131,7 +133,8 @@ void CapturePanel::opened() {
   QStringList done;
   const CaseContent& c = document().content();
   int scans = 0;
-  for (const char* role : {"maxilla_mi", "mandible_mi", "mandible_clutch", "face_mi", "face_tp"}) scans += c.mesh(role) != nullptr;
+  for (const char* role : {"maxilla_mi", "mandible_mi", "mandible_clutch", "face_mi", "face_tp"})
+    scans += c.mesh(role) != nullptr;
   if (scans) done << QString("%1 scans").arg(scans);
   std::error_code ec;
   if (!c.files.recording.empty() && std::filesystem::exists(c.files.recording, ec))
@@ -153,7 +156,8 @@ void CapturePanel::list_takes() {
       if (e.path().extension() == ".mcap") found.push_back(e.path());
   std::sort(found.begin(), found.end());
   for (const fs::path& p : found)
-    takes_->addItem(QString("%1   %2 MB").arg(QString::fromStdString(p.filename().string()))
+    takes_->addItem(QString("%1   %2 MB")
+                        .arg(QString::fromStdString(p.filename().string()))
                         .arg(static_cast<double>(fs::file_size(p, ec)) / 1e6, 0, 'f', 1));
   if (found.empty()) takes_->addItem("No takes yet.");
 }
@@ -166,8 +170,10 @@ void CapturePanel::try_connect() {
       "daemon", [connect = connect_, socket = socket_, made](JobContext&) { *made = connect(socket); },
       [this, made] {
         connecting_ = false;
-        if (*made) connected(std::move(**made));
-        else if (!was_connected_) lost("");
+        if (*made)
+          connected(std::move(**made));
+        else if (!was_connected_)
+          lost("");
       });
 }
 
@@ -227,7 +233,8 @@ void CapturePanel::lost(const std::string& why) {
   camera_row_->hide();
   for (QPushButton* b : {record_, mark_mi_, mark_tp_, mark_}) b->setEnabled(false);
   record_->setText("● Record");
-  for (QLabel* l : {bow_, head_, jaw_}) l->setText(l == bow_ ? "Bow, head and jaw appear when the daemon is there." : "");
+  for (QLabel* l : {bow_, head_, jaw_})
+    l->setText(l == bow_ ? "Bow, head and jaw appear when the daemon is there." : "");
   devices_->setRowCount(0);
   retry_.start();
 }
@@ -251,7 +258,8 @@ void CapturePanel::take_mail() {
     ended.swap(mail->ended);
   }
   if (ended) {
-    document().report("The daemon went away: " + QString::fromStdString(*ended) + ". It is looked for again.");
+    document().report("The daemon went away: " + QString::fromStdString(*ended) +
+                      ". It is looked for again.");
     return lost(*ended);
   }
   for (const auto& [stream, preview] : previews) {
@@ -267,7 +275,8 @@ void CapturePanel::take_mail() {
   if (ledger) show_devices(*ledger);
   if (poses) show_poses(*poses);
   for (const client::EventUpdate& e : events)
-    bench_.status(QString("Mark %1 %2").arg(QString::fromStdString(e.kind), e.pressed ? "pressed" : "released"));
+    bench_.status(
+        QString("Mark %1 %2").arg(QString::fromStdString(e.kind), e.pressed ? "pressed" : "released"));
 }
 
 void CapturePanel::show_session(const client::Session& s) {
@@ -276,8 +285,10 @@ void CapturePanel::show_session(const client::Session& s) {
   const bool running = s.state == client::SessionState::kRecording;
   record_->setText(running ? "■ Stop" : "● Record");
   state_->setText(running ? QString("Recording %1, %2 s, %3 MB, %4 marks")
-                                .arg(QString::fromStdString(s.recording)).arg(s.elapsed_s, 0, 'f', 1)
-                                .arg(static_cast<double>(s.file_bytes) / 1e6, 0, 'f', 1).arg(s.marks)
+                                .arg(QString::fromStdString(s.recording))
+                                .arg(s.elapsed_s, 0, 'f', 1)
+                                .arg(static_cast<double>(s.file_bytes) / 1e6, 0, 'f', 1)
+                                .arg(s.marks)
                           : (shown(s.state) + ". " + QString::fromStdString(s.message)));
   if (was && !running) list_takes();
 }
@@ -293,16 +304,22 @@ void CapturePanel::show_devices(const client::LedgerUpdate& l) {
     devices_->item(row, 3)->setToolTip(QString::fromStdString(d.message));
     const auto view = cameras_.find(d.stream);
     if (view != cameras_.end())
-      view->second->set_facts(QString("%1 Hz   lost %2   pose %3 ms").arg(d.rate_hz, 0, 'f', 1)
-                                  .arg(d.missing + d.rejected).arg(l.pose_latency_ms, 0, 'f', 1));
+      view->second->set_facts(QString("%1 Hz   lost %2   pose %3 ms")
+                                  .arg(d.rate_hz, 0, 'f', 1)
+                                  .arg(d.missing + d.rejected)
+                                  .arg(l.pose_latency_ms, 0, 'f', 1));
     ++row;
   }
 }
 
 void CapturePanel::show_poses(const client::PoseUpdate& u) {
   for (const client::Pose& p : u.poses) {
-    const QString text = p.valid ? QString("✓ %1: %2 tags, %3 px").arg(QString::fromStdString(p.body)).arg(p.tags).arg(p.rms_px, 0, 'f', 2)
-                                 : QString("✗ %1: %2").arg(QString::fromStdString(p.body), QString::fromStdString(p.reason));
+    const QString text =
+        p.valid ? QString("✓ %1: %2 tags, %3 px")
+                      .arg(QString::fromStdString(p.body))
+                      .arg(p.tags)
+                      .arg(p.rms_px, 0, 'f', 2)
+                : QString("✗ %1: %2").arg(QString::fromStdString(p.body), QString::fromStdString(p.reason));
     if (p.body == "bow") bow_->setText(text);
     if (p.body == "head_frame" || p.body == "head") head_->setText(text);
     if (p.body != "jaw") continue;
@@ -312,7 +329,9 @@ void CapturePanel::show_poses(const client::PoseUpdate& u) {
       const ArchFrame& arch = *document().content().arch;
       const Vector3 d = p.reference_from_body * arch.incisal_mm - arch.incisal_mm;
       jaw_->setText(QString("Jaw: down %1 mm, forward %2 mm, left %3 mm from MI")
-                        .arg(-arch.up.dot(d), 0, 'f', 1).arg(arch.anterior.dot(d), 0, 'f', 1).arg(arch.left.dot(d), 0, 'f', 1));
+                        .arg(-arch.up.dot(d), 0, 'f', 1)
+                        .arg(arch.anterior.dot(d), 0, 'f', 1)
+                        .arg(arch.left.dot(d), 0, 'f', 1));
       if (isVisible()) {
         document().layers().set_pose("mandible_live", p.reference_from_body);
         bench_.scene.note_motion();
@@ -332,8 +351,10 @@ void CapturePanel::act(const QString& name, std::function<Status(client::DaemonC
         if (const Status done = call(*client); !done) *trouble = done.error().line();
       },
       [this, trouble, name] {
-        if (!trouble->empty()) document().report(QString::fromStdString(*trouble));
-        else bench_.status("Done: " + name);
+        if (!trouble->empty())
+          document().report(QString::fromStdString(*trouble));
+        else
+          bench_.status("Done: " + name);
       });
 }
 

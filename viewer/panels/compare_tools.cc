@@ -125,9 +125,11 @@ void CompareTools::show_mode() {
             bench_.scene.set_colour_scale(ColourScale{"difference, mm", -kRangeMm, kRangeMm, true});
             double largest = 0, sum = 0, n = 0;
             for (const float v : *values)
-              if (std::isfinite(v)) largest = std::max(largest, double(std::abs(v))), sum += std::abs(v), n += 1;
+              if (std::isfinite(v))
+                largest = std::max(largest, double(std::abs(v))), sum += std::abs(v), n += 1;
             facts_->setText(QString("mean %1 mm, largest %2 mm; positive: the shown design stands out")
-                                .arg(n > 0 ? sum / n : 0, 0, 'f', 3).arg(largest, 0, 'f', 2));
+                                .arg(n > 0 ? sum / n : 0, 0, 'f', 3)
+                                .arg(largest, 0, 'f', 2));
           });
     });
   }

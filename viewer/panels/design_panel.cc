@@ -26,8 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 constexpr int kMergeParameter = 200;
 /// Everyday ones first; the rest follow in the table's order.
-constexpr const char* kFirst[] = {"wall_mm", "occlusal_thickness_mm", "gap_mm", "depth_mm", "engagement_mm",
-                                  "occlusion_clearance_mm"};
+constexpr const char* kFirst[] = {"wall_mm",  "occlusal_thickness_mm", "gap_mm",
+                                  "depth_mm", "engagement_mm",         "occlusion_clearance_mm"};
 
 QString shown_name(const std::string& name) {
   QString text = QString::fromStdString(name);
@@ -36,18 +36,19 @@ QString shown_name(const std::string& name) {
   return text;
 }
 
-QString gate_name(std::string name) {
+/// "wall_min_mm" as "Wall min" and " mm".
+std::pair<QString, QString> gate_name(const std::string& name) {
   QString unit;
   QString text = QString::fromStdString(name);
-  for (const auto& [ending, u] : {std::pair{"_mm2", " (mm²)"}, {"_mm3", " (mm³)"}, {"_mm", " (mm)"}, {"_deg", " (°)"}})
+  for (const auto& [ending, u] : {std::pair{"_mm2", " mm²"}, {"_mm3", " mm³"}, {"_mm", " mm"}, {"_deg", "°"}})
     if (text.endsWith(ending)) {
       text.chop(static_cast<int>(std::string(ending).size()));
       unit = u;
       break;
     }
-  text.replace('_', ' ').replace("p01", "1st percentile").replace("p99", "99th percentile");
+  text.replace('_', ' ');
   text[0] = text[0].toUpper();
-  return text + unit;
+  return {text, unit};
 }
 
 fs::path next_design_folder(const fs::path& folder) {
@@ -77,7 +78,8 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
   column->setContentsMargins(10, 8, 10, 8);
   column->addWidget(status_ = new StepStatus("designStatus"));
   auto* row = new QHBoxLayout;
-  build_ = button("Build splint", "buildSplint", "Full build with all gates; the window stays usable", [this] { build(); });
+  build_ = button("Build splint", "buildSplint", "Full build with all gates; the window stays usable",
+                  [this] { build(); });
   build_->setProperty("role", "primary");
   cancel_ = button("Cancel", "cancelBuild", "Stops the build; nothing half-made is left", [this] {
     bench_.jobs.cancel_all();
@@ -163,7 +165,10 @@ QWidget* DesignPanel::make_parameters() {
     box->setKeyboardTracking(false);
     box->setFixedWidth(92);
     const QString tip = QString("%1. Default %2, range %3 to %4 %5.")
-                            .arg(QString::fromStdString(h.source)).arg(h.default_value).arg(h.low).arg(h.high)
+                            .arg(QString::fromStdString(h.source))
+                            .arg(h.default_value)
+                            .arg(h.low)
+                            .arg(h.high)
                             .arg(QString::fromStdString(h.unit));
     box->setToolTip(tip);
     name->setToolTip(tip);
@@ -176,7 +181,8 @@ QWidget* DesignPanel::make_parameters() {
         document().report(QString::fromStdString(fits.error().line()));
         return show_parameters();
       }
-      document().change(shown_name(n), [&](SessionState& s) { s.parameters = wanted; }, kMergeParameter + index);
+      document().change(
+          shown_name(n), [&](SessionState& s) { s.parameters = wanted; }, kMergeParameter + index);
     });
     connect(box, &QDoubleSpinBox::editingFinished, this, [this] { document().end_merge(); });
     row->addWidget(name, 1);
@@ -206,8 +212,8 @@ QWidget* DesignPanel::make_gates() {
   column->addWidget(verdict_);
   gates_ = plain_table({"", "Gate", "Value", "Limit"}, "gateTable");
   gates_->setColumnWidth(0, 22);
-  gates_->setColumnWidth(2, 62);
-  gates_->setColumnWidth(3, 54);
+  gates_->setColumnWidth(2, 82);
+  gates_->setColumnWidth(3, 50);
   gates_->horizontalHeader()->setSectionResizeMode(1, QHeaderView::Stretch);
   gates_->setToolTip("Click: go to its place");
   connect(gates_, &QTableWidget::cellClicked, this, [this](int row, int) { click_gate(row); });
@@ -254,7 +260,8 @@ void DesignPanel::show_state() {
     const auto& m = (*report_)["mesh"];
     const auto& t = report_->contains("thickness_mm") ? (*report_)["thickness_mm"] : m;
     done << QString("splint of %1 cm³, wall at least %2 mm")
-                .arg(m.value("volume_mm3", 0.0) / 1000, 0, 'f', 2).arg(t.value("min", 0.0), 0, 'f', 2);
+                .arg(m.value("volume_mm3", 0.0) / 1000, 0, 'f', 2)
+                .arg(t.value("min", 0.0), 0, 'f', 2);
   }
   status_->show_state(done, missing);
 }
@@ -293,12 +300,14 @@ void DesignPanel::show_gates() {
   for (int row = 0; row < gates_->rowCount(); ++row) {
     const auto& g = order[static_cast<std::size_t>(row)];
     gate_names_.push_back(g.value("name", std::string("?")));
+    const auto [name, unit] = gate_name(gate_names_.back());
     gates_->setItem(row, 0, verdict_cell(g.value("pass", false), g.value("blocks", true)));
-    gates_->setItem(row, 1, cell(gate_name(gate_names_.back())));
-    gates_->setItem(row, 2, cell(text(g.contains("value") ? g["value"] : nlohmann::json()), true));
+    gates_->setItem(row, 1, cell(name));
+    gates_->setItem(row, 2, cell(text(g.contains("value") ? g["value"] : nlohmann::json()) + unit, true));
     gates_->setItem(row, 3, cell(text(g.contains("limit") ? g["limit"] : nlohmann::json()), true));
   }
-  if (order.empty() && report_->contains("violated")) verdict_->setText("Verdict: " + verdict + " (not built)");
+  if (order.empty() && report_->contains("violated"))
+    verdict_->setText("Verdict: " + verdict + " (not built)");
 }
 
 void DesignPanel::preview() {
@@ -316,8 +325,10 @@ void DesignPanel::preview() {
       [previewer = previewer_, content = document().shared_content(), state = document().state(), made,
        trouble](JobContext&) {
         auto preview = previewer->build(inputs_of(*content, state), state.parameters);
-        if (preview) *made = std::make_shared<const TriangleMesh>(std::move(preview->splint));
-        else *trouble = preview.error().why;
+        if (preview)
+          *made = std::make_shared<const TriangleMesh>(std::move(preview->splint));
+        else
+          *trouble = preview.error().why;
       },
       [this, made, trouble, timer] {
         if (!preview_->isChecked()) return;
@@ -333,7 +344,8 @@ void DesignPanel::preview() {
         layer.opacity = 0.85;
         document().layers().set_visible("splint", false);
         document().layers().put(std::move(layer));
-        preview_note_->setText(QString("%1 s").arg(static_cast<double>(timer->elapsed()) / 1000.0, 0, 'f', 2));
+        preview_note_->setText(
+            QString("%1 s").arg(static_cast<double>(timer->elapsed()) / 1000.0, 0, 'f', 2));
       });
 }
 
@@ -355,8 +367,9 @@ void DesignPanel::build() {
           fs::create_directories(target.parent_path(), ec);
           GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(target, false));
           const fs::path transform = staged.path() / "T_th.json";
-          GNATHION_CHECK_OK(write_json(transform, motion_json(Motion<Dental>(*state.therapeutic), std::nullopt,
-                                                              {{"from", state.therapeutic_source}})));
+          GNATHION_CHECK_OK(
+              write_json(transform, motion_json(Motion<Dental>(*state.therapeutic), std::nullopt,
+                                                {{"from", state.therapeutic_source}})));
           DesignJob job;
           job.maxilla = content->files.maxilla_mi;
           job.mandible = content->files.mandible_mi;
@@ -434,7 +447,8 @@ void DesignPanel::make_maps() {
         const TriangleMesh &maxilla = *content->mesh("maxilla_mi"), &mandible = *content->mesh("mandible_mi");
         const Arch worn = upper ? Arch::kMaxilla : Arch::kMandible;
         const TriangleMesh& support = upper ? maxilla : mandible;
-        made->maps = splint_maps(*mesh, support, transformed(upper ? t : t.inverse(), upper ? mandible : maxilla), context);
+        made->maps = splint_maps(*mesh, support,
+                                 transformed(upper ? t : t.inverse(), upper ? mandible : maxilla), context);
         made->undercut = undercut_deg(support, content->arch->gingival(worn));
         made->teeth = tooth_labels(maxilla, *content->arch, Arch::kMaxilla);
         for (ToothLabel l : tooth_labels(mandible, *content->arch, Arch::kMandible)) {
@@ -471,9 +485,12 @@ void DesignPanel::put_maps(const SplintMaps& maps, const std::vector<float>& und
   };
   put("inner", "Inner surface", maps.inner, {0.25, 0.36, 0.66}, palette::kInner, nullptr, true);
   put("outer", "Outer surface", maps.outer, {0.55, 0.76, 0.95}, palette::kOuter, nullptr, true);
-  put("stamp", "Stamp (occlusal in TP)", maps.stamp, palette::kOcclusalTp, palette::kOcclusalTp, nullptr, true);
-  put("thickness", "Thickness", splint.mesh, {0.42, 0.5, 0.47}, {}, ramp_colors(maps.thickness_mm, 0, 3), false);
-  put("contacts", "Contacts and gap", splint.mesh, {0.7, 0.6, 0.5}, {}, diverging_colors(maps.gap_mm, 0.5), false);
+  put("stamp", "Stamp (occlusal in TP)", maps.stamp, palette::kOcclusalTp, palette::kOcclusalTp, nullptr,
+      true);
+  put("thickness", "Thickness", splint.mesh, {0.42, 0.5, 0.47}, {}, ramp_colors(maps.thickness_mm, 0, 4),
+      false);
+  put("contacts", "Contacts and gap", splint.mesh, {0.7, 0.6, 0.5}, {}, diverging_colors(maps.gap_mm, 0.5),
+      false);
   const bool upper = document().state().arch == Arch::kMaxilla;
   if (const Layer* support = document().layers().find(upper ? "maxilla" : "mandible_mi"))
     put("undercut", "Undercut", support->mesh, {0.84, 0.5, 0.2}, {}, diverging_colors(undercut, 45), false);
@@ -483,10 +500,14 @@ void DesignPanel::put_maps(const SplintMaps& maps, const std::vector<float>& und
 /// The scale of the map that shows, if one does.
 void DesignPanel::show_scale() {
   const LayerModel& layers = document().layers();
-  if (layers.shows("thickness")) bench_.scene.set_colour_scale(ColourScale{"thickness, mm", 0, 3, false});
-  else if (layers.shows("contacts")) bench_.scene.set_colour_scale(ColourScale{"gap, mm", -0.5, 0.5, true});
-  else if (layers.shows("undercut")) bench_.scene.set_colour_scale(ColourScale{"undercut, °", -45, 45, true});
-  else if (!layers.shows("difference")) bench_.scene.set_colour_scale(std::nullopt);
+  if (layers.shows("thickness"))
+    bench_.scene.set_colour_scale(ColourScale{"thickness, mm", 0, 4, false});
+  else if (layers.shows("contacts"))
+    bench_.scene.set_colour_scale(ColourScale{"gap, mm", -0.5, 0.5, true});
+  else if (layers.shows("undercut"))
+    bench_.scene.set_colour_scale(ColourScale{"undercut, °", -45, 45, true});
+  else if (!layers.shows("difference"))
+    bench_.scene.set_colour_scale(std::nullopt);
 }
 
 void DesignPanel::show_marks() {
@@ -499,15 +520,21 @@ void DesignPanel::show_marks() {
   if (isVisible() && apertures_->isChecked() && report_ && report_->contains("apertures")) {
     for (const auto& a : (*report_)["apertures"]) {
       if (!a.is_object() || !a.contains("centre_mm") || a["centre_mm"].size() != 3) continue;
-      const Vector3 at(a["centre_mm"][0].get<double>(), a["centre_mm"][1].get<double>(), a["centre_mm"][2].get<double>());
+      const Vector3 at(a["centre_mm"][0].get<double>(), a["centre_mm"][1].get<double>(),
+                       a["centre_mm"][2].get<double>());
       o.balls.push_back({at, safe_palette::kPurple, 0.7});
-      o.labels.push_back({at, QString("%1 mm²").arg(a.value("area_mm2", 0.0), 0, 'f', 1).toUtf8().toStdString(),
-                          {0.3, 0.1, 0.3}, 14, true});
+      o.labels.push_back({at,
+                          QString("%1 mm²").arg(a.value("area_mm2", 0.0), 0, 'f', 1).toUtf8().toStdString(),
+                          {0.3, 0.1, 0.3},
+                          14,
+                          true});
     }
     if ((*report_)["apertures"].empty()) bench_.status("This design has no apertures.");
   }
-  if (o.labels.empty() && o.lines.empty() && o.balls.empty()) bench_.scene.clear_overlay("marks");
-  else bench_.scene.set_overlay("marks", std::move(o));
+  if (o.labels.empty() && o.lines.empty() && o.balls.empty())
+    bench_.scene.clear_overlay("marks");
+  else
+    bench_.scene.set_overlay("marks", std::move(o));
 }
 
 /// Where a gate's figure was measured, as far as the surface tells.
@@ -524,7 +551,8 @@ Vector3 DesignPanel::place_of(const std::string& gate) const {
   if (gate.find("wall") != std::string::npos && report_->contains("thickness_mm")) {
     const auto& t = (*report_)["thickness_mm"];
     if (t.contains("where_mm") && t["where_mm"].is_array() && t["where_mm"].size() == 3)
-      return Vector3(t["where_mm"][0].get<double>(), t["where_mm"][1].get<double>(), t["where_mm"][2].get<double>());
+      return Vector3(t["where_mm"][0].get<double>(), t["where_mm"][1].get<double>(),
+                     t["where_mm"][2].get<double>());
   }
   if (!maps_) return bounding_box(*splint->mesh).centre_mm();
   if (gate.rfind("maxilla", 0) == 0) return least(maps_->seat_mm);
@@ -548,8 +576,11 @@ void DesignPanel::click_gate(int row) {
   o.balls.push_back({at, safe_palette::kVermilion, 0.7});
   bench_.scene.set_overlay("gate", std::move(o));
   bench_.scene.look_at(at, 35);
-  bench_.status(QString("%1 at %2, %3, %4 mm").arg(gates_->item(row, 1)->text())
-                    .arg(at.x(), 0, 'f', 1).arg(at.y(), 0, 'f', 1).arg(at.z(), 0, 'f', 1));
+  bench_.status(QString("%1 at %2, %3, %4 mm")
+                    .arg(gates_->item(row, 1)->text())
+                    .arg(at.x(), 0, 'f', 1)
+                    .arg(at.y(), 0, 'f', 1)
+                    .arg(at.z(), 0, 'f', 1));
 }
 
 void DesignPanel::enter() {

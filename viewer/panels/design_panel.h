@@ -39,7 +39,8 @@ class DesignPanel : public Panel {
   void built(const std::filesystem::path& folder, bool cancelled, const std::string& trouble);
   void preview();
   void make_maps();
-  void put_maps(const SplintMaps& maps, const std::vector<float>& undercut, const std::vector<ToothLabel>& teeth);
+  void put_maps(const SplintMaps& maps, const std::vector<float>& undercut,
+                const std::vector<ToothLabel>& teeth);
   void show_marks();
   void click_gate(int row);
   Vector3 place_of(const std::string& gate) const;

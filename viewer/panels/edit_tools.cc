@@ -71,7 +71,8 @@ EditTools::EditTools(Workbench& bench) : bench_(bench), tools_(new QButtonGroup(
   list_->setMaximumHeight(76);
   list_->setToolTip("Delete removes the chosen edit; undo brings it back");
   column->addWidget(list_);
-  column->addWidget(button("Remove edit", "removeEdit", "Takes the chosen edit away", [this] { remove_selected(); }));
+  column->addWidget(
+      button("Remove edit", "removeEdit", "Takes the chosen edit away", [this] { remove_selected(); }));
   bench_.document.opened.add([this] { refresh(); });
   bench_.document.state_changed.add([this] { refresh(); });
   bench_.tool_taken.add([this](const void* who) {
@@ -126,9 +127,12 @@ void EditTools::finish() {
     return bench_.document.report("Draw around a region: press, drag along its outline, let go.");
   const double radius = radius_->value(), depth = std::min(depth_->value(), 0.5 * radius);
   bench_.document.change(QString(kNames[tool_]) + (is_region(tool_) ? "" : " stroke"), [&](SessionState& s) {
-    if (tool_ == kCutout) s.edits.cutouts.push_back({path});
-    else if (tool_ == kContact) s.edits.contacts.push_back({path});
-    else s.edits.strokes.push_back({static_cast<Stroke::Kind>(tool_), path, radius, depth});
+    if (tool_ == kCutout)
+      s.edits.cutouts.push_back({path});
+    else if (tool_ == kContact)
+      s.edits.contacts.push_back({path});
+    else
+      s.edits.strokes.push_back({static_cast<Stroke::Kind>(tool_), path, radius, depth});
   });
 }
 
@@ -151,14 +155,20 @@ void EditTools::refresh() {
     double length = 0;
     for (std::size_t i = 1; i < s.path_mm.size(); ++i) length += (s.path_mm[i] - s.path_mm[i - 1]).norm();
     const int kind = static_cast<int>(s.kind);
-    add(kind, s.path_mm, QString("%1 %2 mm deep, %3 mm wide, %4 mm long").arg(kNames[kind])
-            .arg(s.depth_mm, 0, 'f', 2).arg(2 * s.radius_mm, 0, 'f', 1).arg(length, 0, 'f', 1));
+    add(kind, s.path_mm,
+        QString("%1 %2 mm deep, %3 mm wide, %4 mm long")
+            .arg(kNames[kind])
+            .arg(s.depth_mm, 0, 'f', 2)
+            .arg(2 * s.radius_mm, 0, 'f', 1)
+            .arg(length, 0, 'f', 1));
   }
   for (const Region& r : edits.cutouts) add(kCutout, r.outline_mm, "Cutout");
   for (const Region& r : edits.contacts) add(kContact, r.outline_mm, "Contact region");
   if (edits.empty()) list_->addItem("No edits yet: choose a tool and drag over the splint.");
-  if (shown_ && !edits.empty()) bench_.scene.set_overlay("edits", std::move(o));
-  else bench_.scene.clear_overlay("edits");
+  if (shown_ && !edits.empty())
+    bench_.scene.set_overlay("edits", std::move(o));
+  else
+    bench_.scene.clear_overlay("edits");
 }
 
 void EditTools::remove_selected() {

@@ -11,7 +11,6 @@
 #include <cmath>
 #include <limits>
 
-
 #include <nlohmann/json.hpp>
 
 #include "core/mesh_io.h"
@@ -40,7 +39,7 @@ EvaluatePanel::EvaluatePanel(Workbench& bench) : Panel(bench, Step::kEvaluate) {
   column->addWidget(heading("Procedures"));
   table_ = plain_table({"Procedure", "Mean", "± STD", "t mm"}, "procedureTable");
   table_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
-  for (const int c : {1, 2, 3}) table_->setColumnWidth(c, 56);
+  for (const int c : {1, 2, 3}) table_->setColumnWidth(c, 50);
   table_->setToolTip("Millimetres, signed distance of the scan to the plan; click: its map");
   connect(table_, &QTableWidget::cellClicked, this, [this](int row, int) { show_procedure(row); });
   column->addWidget(table_, 1);
@@ -58,7 +57,7 @@ EvaluatePanel::EvaluatePanel(Workbench& bench) : Panel(bench, Step::kEvaluate) {
   chart_->set_note("Error bars, radar, histograms and profiles appear when scans are evaluated.");
   below->addWidget(charts_);
   below->addWidget(chart_, 1);
-  strip_->setMinimumHeight(240);
+  strip_->setMinimumHeight(310);
   connect(charts_, qOverload<int>(&QComboBox::currentIndexChanged), this, [this] { show_chart(); });
   document().opened.add([this] { opened(); });
 }
@@ -75,8 +74,8 @@ QWidget* EvaluatePanel::make_scans() {
     grid->addWidget(new QLabel(name), r, 0);
     grid->addWidget(edit, r, 1);
     auto* pick = button("…", QString(object) + "Pick", "Choose a file", [this, edit] {
-      const QString path = QFileDialog::getOpenFileName(this, "Scan", {}, "Meshes (*.stl *.ply *.obj)", nullptr,
-                                                        QFileDialog::DontUseNativeDialog);
+      const QString path = QFileDialog::getOpenFileName(this, "Scan", {}, "Meshes (*.stl *.ply *.obj)",
+                                                        nullptr, QFileDialog::DontUseNativeDialog);
       if (!path.isEmpty()) edit->setText(path);
     });
     pick->setFixedWidth(30);
@@ -93,6 +92,7 @@ QWidget* EvaluatePanel::make_scans() {
                        "What the procedures would find on one simulated print, seating and scan",
                        [this] { run_virtual_print(); });
   auto* buttons = new QHBoxLayout;
+  buttons->setSpacing(6);
   buttons->addWidget(go);
   buttons->addWidget(print);
   grid->addLayout(buttons, 3, 0, 1, 3);
@@ -143,7 +143,8 @@ void EvaluatePanel::run_scans() {
   scans.scan_splint = path(splint_);
   scans.scan_maxilla = path(maxilla_);
   scans.scan_mandible = path(mandible_);
-  const bool given = !scans.scan_splint.empty() || !scans.scan_mandible.empty() || !scans.scan_maxilla.empty();
+  const bool given =
+      !scans.scan_splint.empty() || !scans.scan_mandible.empty() || !scans.scan_maxilla.empty();
   if (!given && content->evaluation.empty())
     return document().report("Name the scans first, or try a virtual print.");
   run("Evaluating the scans", [content, scans, given](JobContext& context, Found& found) {
@@ -156,8 +157,8 @@ void EvaluatePanel::run_scans() {
       job = std::move(*read);
     }
     job.pictures = false;
-    const auto scratch = std::filesystem::temp_directory_path() /
-                         ("gnathion_viewer_evaluation_" + std::to_string(::getpid()));
+    const auto scratch =
+        std::filesystem::temp_directory_path() / ("gnathion_viewer_evaluation_" + std::to_string(::getpid()));
     std::filesystem::create_directories(scratch);
     auto outcome = run_evaluation(job, scratch, context);
     std::error_code ec;
@@ -215,7 +216,8 @@ void EvaluatePanel::show_found(std::shared_ptr<const Found> found) {
   charts_->blockSignals(true);
   charts_->clear();
   for (const EvaluationFigure& f : found_->figures)
-    charts_->addItem(QString::fromStdString(f.file).replace('_', ' ').replace(0, 1, QString::fromStdString(f.file).left(1).toUpper()));
+    charts_->addItem(QString::fromStdString(f.file).replace('_', ' ').replace(
+        0, 1, QString::fromStdString(f.file).left(1).toUpper()));
   charts_->blockSignals(false);
   charts_->setCurrentIndex(0);
   show_chart();
@@ -248,13 +250,18 @@ void EvaluatePanel::show_procedure(int row) {
   document().layers().set_visible("evaluation_map", true);
   bench_.scene.set_colour_scale(ColourScale{"scan to plan, mm", -range_mm_, range_mm_, true});
   QStringList lines = {QString("<b>%1</b>: mean %2 ± %3 mm over %4 points")
-                           .arg(procedure_title(p.procedure)).arg(p.field.all.avg_mm, 0, 'f', 3)
-                           .arg(p.field.all.std_mm, 0, 'f', 3).arg(p.field.all.n)};
+                           .arg(procedure_title(p.procedure))
+                           .arg(p.field.all.avg_mm, 0, 'f', 3)
+                           .arg(p.field.all.std_mm, 0, 'f', 3)
+                           .arg(p.field.all.n)};
   if (p.motion)
     lines << QString("turned %1° ± %2°, shifted %3 ± %4 mm, at most %5 mm at tooth %6")
-                 .arg(p.motion->alpha_deg, 0, 'f', 2).arg(p.motion->alpha_sigma_deg, 0, 'f', 2)
-                 .arg(p.motion->t_mm, 0, 'f', 3).arg(p.motion->t_sigma_mm, 0, 'f', 3)
-                 .arg(p.motion->max_tooth_mm, 0, 'f', 3).arg(p.motion->max_tooth_fdi);
+                 .arg(p.motion->alpha_deg, 0, 'f', 2)
+                 .arg(p.motion->alpha_sigma_deg, 0, 'f', 2)
+                 .arg(p.motion->t_mm, 0, 'f', 3)
+                 .arg(p.motion->t_sigma_mm, 0, 'f', 3)
+                 .arg(p.motion->max_tooth_mm, 0, 'f', 3)
+                 .arg(p.motion->max_tooth_fdi);
   facts_->setText(lines.join("<br>"));
 }
 

@@ -23,6 +23,11 @@ double down_mm(const Rigid3& t, const ArchFrame& arch) {
   return -arch.up.dot(t * arch.incisal_mm - arch.incisal_mm);
 }
 
+/// One decimal, and no "-0.0".
+QString tenths(double mm) {
+  return QString::number(std::abs(mm) < 0.05 ? 0.0 : mm, 'f', 1).replace('-', QChar(0x2212));
+}
+
 QString number_name(const std::string& name) {
   QString text = QString::fromStdString(name).replace('_', ' ');
   if (!text.isEmpty()) text[0] = text[0].toUpper();
@@ -39,14 +44,16 @@ MotionPanel::MotionPanel(Workbench& bench) : Panel(bench, Step::kMotion) {
   column->addWidget(heading("Pick positions"));
   column->addWidget(wrapped("Shift-drag an interval on the timeline, then say what it is.", true));
   auto* picks = new QHBoxLayout;
-  picks->addWidget(button("This is MI", "pickMi", "The chosen interval is maximal intercuspation", [this] { pick(false); }));
-  picks->addWidget(button("This is TP", "pickTp", "The chosen interval is the therapeutic position", [this] { pick(true); }));
+  picks->addWidget(button("This is MI", "pickMi", "The chosen interval is maximal intercuspation",
+                          [this] { pick(false); }));
+  picks->addWidget(button("This is TP", "pickTp", "The chosen interval is the therapeutic position",
+                          [this] { pick(true); }));
   column->addLayout(picks);
   column->addWidget(heading("Numbers of the movement"));
   numbers_ = plain_table({"Figure", "Value", "± 1σ"}, "motionNumbers");
   numbers_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
-  numbers_->setColumnWidth(1, 78);
-  numbers_->setColumnWidth(2, 62);
+  numbers_->setColumnWidth(1, 88);
+  numbers_->setColumnWidth(2, 48);
   column->addWidget(numbers_, 1);
   strip_ = make_strip();
   timer_.setInterval(33);
@@ -63,14 +70,17 @@ QWidget* MotionPanel::make_strip() {
   auto* left = new QVBoxLayout;
   auto* bar = new QHBoxLayout;
   play_ = button("▶ Play", "playButton", "Play the recording (space)", [this] {
-    if (timer_.isActive()) timer_.stop();
-    else if (document().is_open() && document().content().motion) timer_.start();
+    if (timer_.isActive())
+      timer_.stop();
+    else if (document().is_open() && document().content().motion)
+      timer_.start();
     play_->setText(timer_.isActive() ? "❚❚ Pause" : "▶ Play");
   });
   play_->setFixedWidth(92);
   play_->setShortcut(QKeySequence(Qt::Key_Space));
   at_ = new QLabel;
   at_->setObjectName("motionTime");
+  at_->setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);
   contacts_ = new QCheckBox("Contacts by distance");
   contacts_->setObjectName("contactsBox");
   contacts_->setToolTip("Colours the lower teeth by their distance to the upper ones in this frame");
@@ -125,7 +135,7 @@ void MotionPanel::opened() {
   if (c.motion && c.arch) analyse();
 }
 
-void MotionPanel::show_state() {
+void MotionPanel::show_state(const std::string& trouble) {
   QStringList done;
   const CaseContent& c = document().content();
   if (c.motion) {
@@ -136,10 +146,14 @@ void MotionPanel::show_state() {
       if (r.valid) sigma.push_back(r.sigma_mm);
     std::sort(sigma.begin(), sigma.end());
     done << QString("%1 of %2 frames tracked, %3 s, ± %4 mm (1σ) a frame")
-                .arg(valid).arg(rows.size()).arg(rows.empty() ? 0.0 : rows.back().time_s, 0, 'f', 1)
+                .arg(valid)
+                .arg(rows.size())
+                .arg(rows.empty() ? 0.0 : rows.back().time_s, 0, 'f', 1)
                 .arg(sigma.empty() ? 0.0 : sigma[sigma.size() / 2], 0, 'f', 3);
   }
-  status_->show_state(done, absences());
+  auto missing = absences();
+  if (!trouble.empty()) missing.push_back({Step::kMotion, "Numbers", trouble, false});
+  status_->show_state(done, missing);
 }
 
 /// Marks of the pedal, and what was picked here.
@@ -151,7 +165,8 @@ void MotionPanel::show_bands() {
     std::map<std::string, double> since;
     for (const EventSample& e : c.session->events) {
       const double t = e.header.capture.seconds_since(c.session->start);
-      if (e.pressed) since[e.kind] = t;
+      if (e.pressed)
+        since[e.kind] = t;
       else if (since.count(e.kind)) {
         bands.push_back({since[e.kind], t, QString::fromStdString(e.kind),
                          e.kind == "TP" ? QColor(0, 130, 95) : QColor(60, 84, 115)});
@@ -159,8 +174,10 @@ void MotionPanel::show_bands() {
       }
     }
   }
-  if (const auto& s = document().state().mi_s) bands.push_back({s->first, s->second, "MI*", QColor(180, 90, 0)});
-  if (const auto& s = document().state().tp_s) bands.push_back({s->first, s->second, "TP*", QColor(180, 90, 0)});
+  if (const auto& s = document().state().mi_s)
+    bands.push_back({s->first, s->second, "MI*", QColor(180, 90, 0)});
+  if (const auto& s = document().state().tp_s)
+    bands.push_back({s->first, s->second, "TP*", QColor(180, 90, 0)});
   timeline_->set_bands(std::move(bands));
 }
 
@@ -186,9 +203,9 @@ void MotionPanel::go_to(double t, bool playing) {
   }
   const ArchFrame& arch = *document().content().arch;
   at_->setText(QString("%1   down %2 mm   forward %3 mm   left %4 mm")
-                   .arg(time).arg(down_mm(row->motion, arch), 0, 'f', 1)
-                   .arg(arch.anterior.dot(row->motion * arch.incisal_mm - arch.incisal_mm), 0, 'f', 1)
-                   .arg(arch.left.dot(row->motion * arch.incisal_mm - arch.incisal_mm), 0, 'f', 1));
+                   .arg(time, tenths(down_mm(row->motion, arch)),
+                        tenths(arch.anterior.dot(row->motion * arch.incisal_mm - arch.incisal_mm)),
+                        tenths(arch.left.dot(row->motion * arch.incisal_mm - arch.incisal_mm))));
   LayerModel& layers = document().layers();
   for (const char* id : {"mandible_live", "condyle_left", "condyle_right"}) layers.set_pose(id, row->motion);
   bench_.scene.note_motion();
@@ -208,7 +225,8 @@ void MotionPanel::pick(bool tp) {
   if (!s || s->second - s->first < 0.05)
     return document().report("Choose an interval first: hold Shift and drag over the timeline.");
   if (!mean_over(*s)) return document().report("The jaw was not seen in that interval: choose another one.");
-  document().change(tp ? "Pick TP" : "Pick MI", [&](SessionState& state) { (tp ? state.tp_s : state.mi_s) = s; });
+  document().change(tp ? "Pick TP" : "Pick MI",
+                    [&](SessionState& state) { (tp ? state.tp_s : state.mi_s) = s; });
   if (!tp) return;
   const auto taken = picked_position();
   if (taken)
@@ -236,8 +254,9 @@ std::optional<std::pair<Rigid3, QString>> MotionPanel::picked_position() {
     return std::pair{row->motion, QString("motion at %1 s").arg(row->time_s, 0, 'f', 2)};
   }
   const auto mi = s.mi_s ? mean_over(*s.mi_s) : std::nullopt;
-  return std::pair{mi ? *tp * mi->inverse() : *tp,
-                   QString("motion, %1 to %2 s").arg(s.tp_s->first, 0, 'f', 2).arg(s.tp_s->second, 0, 'f', 2)};
+  return std::pair{
+      mi ? *tp * mi->inverse() : *tp,
+      QString("motion, %1 to %2 s").arg(s.tp_s->first, 0, 'f', 2).arg(s.tp_s->second, 0, 'f', 2)};
 }
 
 void MotionPanel::analyse() {
@@ -256,9 +275,7 @@ void MotionPanel::analyse() {
       [this, content, found] {
         if (document().shared_content() != content) return;
         if (*found) return show_analysis(**found);
-        auto missing = absences();
-        missing.push_back({Step::kMotion, "Numbers", found->error().why, false});
-        status_->show_state({}, missing);
+        show_state(found->error().why);
       });
 }
 
@@ -272,11 +289,19 @@ void MotionPanel::show_analysis(const MotionAnalysis& m) {
     for (const JawNumber& n : m.analysis.numbers) {
       if (n.determined != determined) continue;
       const QString side = n.side.empty() ? "" : ", " + QString::fromStdString(n.side);
-      const QString unit = n.unit == "deg" ? "°" : n.unit == "mm2" ? " mm²" : " " + QString::fromStdString(n.unit);
+      const QString unit = n.unit == "deg"   ? "°"
+                           : n.unit == "mm2" ? " mm²"
+                           : n.unit == "1"   ? ""
+                                             : " " + QString::fromStdString(n.unit);
       numbers_->setItem(row, 0, cell(number_name(n.name) + side));
       numbers_->item(row, 0)->setToolTip(QString::fromStdString(n.determined ? n.definition : n.reason));
-      numbers_->setItem(row, 1, cell(determined ? QString::number(n.value, 'f', 2) + unit : "–", true));
-      numbers_->setItem(row, 2, cell(determined ? QString::number(n.sigma, 'f', 2) : "", true));
+      numbers_->setItem(
+          row, 1,
+          cell(determined
+                   ? QString::number(n.value, 'f', n.unit == "1" ? 0 : 2).replace('-', QChar(0x2212)) + unit
+                   : "–",
+               true));
+      numbers_->setItem(row, 2, cell(determined ? QString::number(n.sigma, 'f', 3) : "", true));
       ++row;
     }
   if (isVisible()) show_paths();
@@ -318,8 +343,10 @@ void MotionPanel::show_posselt() {
   PlotCurve path{"Incisal point", safe_palette::kBlue, 1.4, {}};
   Polyline2 line;
   for (const JawMotionRow& row : c->motion->rows) {
-    if (row.valid) line.push_back(flat(row.motion * arch.incisal_mm - arch.incisal_mm));
-    else if (!line.empty()) path.lines.push_back(std::move(line)), line = {};
+    if (row.valid)
+      line.push_back(flat(row.motion * arch.incisal_mm - arch.incisal_mm));
+    else if (!line.empty())
+      path.lines.push_back(std::move(line)), line = {};
   }
   if (!line.empty()) path.lines.push_back(std::move(line));
   const bool first = posselt_->curves().empty() || posselt_->property("plane").toInt() != plane + 1;
@@ -330,9 +357,9 @@ void MotionPanel::show_posselt() {
   if (first) posselt_->fit();
   posselt_->setProperty("plane", plane + 1);
   const JawMotionRow* row = row_at(timeline_->time_s());
-  posselt_->set_marker(row && row->valid ? flat(row->motion * arch.incisal_mm - arch.incisal_mm)
-                                         : Eigen::Vector2d::Zero(),
-                       row && row->valid);
+  posselt_->set_marker(
+      row && row->valid ? flat(row->motion * arch.incisal_mm - arch.incisal_mm) : Eigen::Vector2d::Zero(),
+      row && row->valid);
 }
 
 /// Distances of the lower teeth to the upper ones, the last asked frame first.
@@ -346,7 +373,8 @@ void MotionPanel::color_contacts() {
   }
   const auto upper = bench_.scene.surface("maxilla");
   if (!upper) return;
-  bench_.scene.set_colour_scale(ColourScale{"to the upper teeth, mm", -kContactRangeMm, kContactRangeMm, true});
+  bench_.scene.set_colour_scale(
+      ColourScale{"to the upper teeth, mm", -kContactRangeMm, kContactRangeMm, true});
   auto colors = std::make_shared<std::shared_ptr<const VertexColors>>();
   bench_.jobs.run_latest(
       "contacts",
@@ -357,7 +385,7 @@ void MotionPanel::color_contacts() {
         const auto hits = closest_points(*upper, points, 2 * kContactRangeMm);
         for (std::size_t i = 0; i < hits.size(); ++i)
           if (hits[i].triangle != ClosestHit::kNoTriangle) gap[i] = static_cast<float>(hits[i].distance_mm);
-        *colors = diverging_colors(gap, kContactRangeMm);
+        *colors = diverging_colors(gap, kContactRangeMm, palette::kMandibleIvory);
       },
       [this, colors] {
         if (contacts_->isChecked() && isVisible()) document().layers().set_colors("mandible_live", *colors);

@@ -31,7 +31,7 @@ class MotionPanel : public Panel {
  private:
   QWidget* make_strip();
   void opened();
-  void show_state();
+  void show_state(const std::string& trouble = {});  ///< why there are no numbers
   void show_bands();
   void analyse();
   void show_analysis(const MotionAnalysis& m);

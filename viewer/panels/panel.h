@@ -19,7 +19,7 @@ struct Workbench {
   Document& document;
   JobRunner& jobs;
   Scene3d& scene;
-  Scene3d& second;          ///< beside the first, for two designs
+  Scene3d& second;            ///< beside the first, for two designs
   LayerModel& second_layers;  ///< of the second view
   std::function<void(bool)> show_second;
   std::function<void(const QString&)> status;  ///< status line

@@ -45,6 +45,7 @@ TransformPanel::TransformPanel(Workbench& bench) : Panel(bench, Step::kTransform
   setObjectName("transformPanel");
   auto* column = new QVBoxLayout(this);
   column->setContentsMargins(10, 8, 10, 8);
+  column->setSpacing(4);
   column->addWidget(status_ = new StepStatus("transformStatus"));
   column->addWidget(heading("Therapeutic position, from MI"));
   column->addWidget(make_six());
@@ -83,7 +84,7 @@ QWidget* TransformPanel::make_six() {
     spin->setSuffix(QString(" ") + (look.unit[0] == 'd' ? "°" : look.unit));
     spin->setKeyboardTracking(false);
     spin->setToolTip(look.tip);
-    spin->setFixedWidth(92);
+    spin->setFixedWidth(88);
     connect(slider, &QSlider::valueChanged, this, [this, k](int v) {
       if (showing_) return;
       showing_ = true;
@@ -110,6 +111,7 @@ QWidget* TransformPanel::make_sources() {
   source_->setObjectName("transformSource");
   error_ = wrapped("");
   error_->setObjectName("transformError");
+  error_->hide();
   typed_ = new QLineEdit;
   typed_->setObjectName("typedTransform");
   typed_->setPlaceholderText("Type or paste 16 numbers, row by row; Enter");
@@ -121,22 +123,23 @@ QWidget* TransformPanel::make_sources() {
   connect(handle_box_, &QCheckBox::toggled, this, [this] { show_manipulator(); });
   grid->addWidget(button("From file…", "transformFile", "T_th as JSON, 16 numbers or ITK .tfm",
                          [this] {
-                           take_file(QFileDialog::getOpenFileName(
-                               this, "Therapeutic position", {}, "Transforms (*.json *.txt *.tfm);;All (*)",
-                               nullptr, QFileDialog::DontUseNativeDialog));
+                           take_file(QFileDialog::getOpenFileName(this, "Therapeutic position", {},
+                                                                  "Transforms (*.json *.txt *.tfm);;All (*)",
+                                                                  nullptr, QFileDialog::DontUseNativeDialog));
                          }),
                   0, 0);
   grid->addWidget(button("From motion", "transformMotion", "The position chosen in the Motion step",
                          [this] { take_motion(); }),
                   0, 1);
-  grid->addWidget(button("As measured", "transformMeasured", "Back to results/T_th.json of the case",
-                         [this] {
-                           if (const auto& t = document().content().therapeutic)
-                             set_transform("Back to the measured T_th", t->motion.rigid, "results/T_th.json");
-                           else
-                             document().report("This case has no measured T_th yet: 'gnathion run' finds one.");
-                         }),
-                  0, 2);
+  grid->addWidget(
+      button("As measured", "transformMeasured", "Back to results/T_th.json of the case",
+             [this] {
+               if (const auto& t = document().content().therapeutic)
+                 set_transform("Back to the measured T_th", t->motion.rigid, "results/T_th.json");
+               else
+                 document().report("This case has no measured T_th yet: 'gnathion run' finds one.");
+             }),
+      0, 2);
   grid->addWidget(typed_, 1, 0, 1, 3);
   grid->addWidget(handle_box_, 2, 0);
   grid->addWidget(source_, 2, 1, 1, 2);
@@ -163,7 +166,7 @@ QWidget* TransformPanel::make_constraints() {
   constraints_->setColumnWidth(2, 70);
   constraints_->setColumnWidth(3, 62);
   constraints_->horizontalHeader()->setSectionResizeMode(1, QHeaderView::Stretch);
-  constraints_->setMinimumHeight(150);
+  constraints_->setMinimumHeight(120);
   connect(constraints_, &QTableWidget::cellClicked, this, [this](int row, int) {
     const Vector3 at = where_mm_.at(static_cast<std::size_t>(row));
     bench_.scene.look_at(at, 40);
@@ -191,7 +194,8 @@ void TransformPanel::opened() {
   bench_.jobs.run_latest(
       "checker",
       [content, made](JobContext&) {
-        auto checker = RealizabilityChecker::create(*content->mesh("maxilla_mi"), *content->mesh("mandible_mi"));
+        auto checker =
+            RealizabilityChecker::create(*content->mesh("maxilla_mi"), *content->mesh("mandible_mi"));
         if (checker) *made = std::make_shared<const RealizabilityChecker>(std::move(*checker));
       },
       [this, content, made] {
@@ -217,9 +221,9 @@ void TransformPanel::set_six(const QString& text, bool dragging) {
   const auto values = six.all();
   for (std::size_t k = 0; k < 6; ++k) *values[k] = boxes_[k]->value();
   bench_.scene.note_motion();
-  const int slot = static_cast<int>(std::find_if(std::begin(kSix), std::end(kSix),
-                                                 [&](const SixLook& l) { return text == l.name; }) -
-                                    std::begin(kSix));
+  const int slot = static_cast<int>(
+      std::find_if(std::begin(kSix), std::end(kSix), [&](const SixLook& l) { return text == l.name; }) -
+      std::begin(kSix));
   set_transform("T_th: " + text.toLower(), motion_of(six, *document().content().arch), "sliders",
                 dragging ? kMergeSix + slot : -1);
 }
@@ -236,9 +240,11 @@ void TransformPanel::take_typed(const QString& text) {
   if (!motion) {
     error_->setText(QString::fromStdString(motion.error().why));
     error_->setStyleSheet("color:#a01e14");
+    error_->show();
     return;
   }
   error_->clear();
+  error_->hide();
   set_transform("T_th typed", motion->motion.rigid, "typed");
 }
 
@@ -269,13 +275,16 @@ void TransformPanel::show_state() {
     for (const char* id : {"condyle_left", "condyle_right"}) document().layers().set_pose(id, *t);
   QStringList done;
   const auto& measured = document().content().therapeutic;
-  if (t) done << "T_th is set (" + QString::fromStdString(document().state().therapeutic_source).toHtmlEscaped() + ")";
+  if (t)
+    done << "T_th is set (" + QString::fromStdString(document().state().therapeutic_source).toHtmlEscaped() +
+                ")";
   std::vector<Absence> missing;
   for (const Absence& a : absences())
     if (!(t && a.what == "T_th")) missing.push_back(a);
   if (measured && measured->covariance && document().content().arch) {
     const Vector3 incisal = document().content().arch->incisal_mm;
-    const double s = std::sqrt(point_covariance(*measured->covariance, measured->motion.rigid * incisal).trace());
+    const double s =
+        std::sqrt(point_covariance(*measured->covariance, measured->motion.rigid * incisal).trace());
     done << QString("measured T_th: ± %1 mm (1σ) at the incisal point").arg(s, 0, 'f', 3);
   }
   status_->show_state(done, missing);
@@ -288,7 +297,8 @@ void TransformPanel::show_state() {
   if (edges_) {
     const ClinicalReadout r = clinical_readout(*t, *edges_, *document().content().arch);
     readout_->setText(
-        QString("<table cellspacing=3><tr><td>Vertical dimension</td><td align=right><b>%1 mm</b></td><td></td></tr>"
+        QString("<table cellspacing=3><tr><td>Vertical dimension</td><td align=right><b>%1 "
+                "mm</b></td><td></td></tr>"
                 "<tr><td>Overjet</td><td align=right><b>%2 mm</b></td><td>&nbsp;MI %3</td></tr>"
                 "<tr><td>Overbite</td><td align=right><b>%4 mm</b></td><td>&nbsp;MI %5</td></tr>"
                 "<tr><td>Midline to the left</td><td align=right><b>%6 mm</b></td><td></td></tr></table>")
@@ -337,7 +347,9 @@ void TransformPanel::show_constraints(const Feasibility& f) {
     constraints_->setItem(row, 0, verdict_cell(c->pass, c->severity == Severity::kBlocks));
     constraints_->setItem(row, 1, cell(shown(c->name)));
     constraints_->item(row, 1)->setToolTip(QString::fromStdString(c->consequence));
-    const QString unit = c->unit == "deg" ? "°" : c->unit.empty() ? "" : " " + QString::fromStdString(c->unit);
+    const QString unit = c->unit == "deg"  ? "°"
+                         : c->unit.empty() ? ""
+                                           : " " + QString::fromStdString(c->unit);
     constraints_->setItem(row, 2, cell(c->checked ? signed_text(c->value, 2) + unit : "not checked", true));
     constraints_->setItem(row, 3, cell(c->checked ? signed_text(c->limit, 2) + unit : "", true));
     where_mm_.push_back(c->where_mm);

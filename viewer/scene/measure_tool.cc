@@ -41,7 +41,8 @@ void MeasureTool::take(const PickedPoint& p) {
   if (kind_ == Kind::kThickness) {
     const auto surface = scene_.surface(p.layer);
     // Poses of the design's layers are the identity; a moved jaw has no wall to measure.
-    const auto hit = surface ? surface->ray(p.at_mm - 0.02 * p.normal, -p.normal, 0.0, kThickestMm) : std::nullopt;
+    const auto hit =
+        surface ? surface->ray(p.at_mm - 0.02 * p.normal, -p.normal, 0.0, kThickestMm) : std::nullopt;
     if (!hit) {
       text_ = "no wall behind this point";
     } else {
@@ -63,7 +64,8 @@ void MeasureTool::show() {
   for (const Vector3& p : points_mm_) o.balls.push_back({p, kInk, 0.35});
   if (points_mm_.size() > 1) o.lines.push_back({points_mm_, kInk, 2.5});
   if (!text_.isEmpty()) {
-    const Vector3 middle = points_mm_.size() == 2 ? Vector3(0.5 * (points_mm_[0] + points_mm_[1])) : points_mm_[points_mm_.size() / 2];
+    const Vector3 middle = points_mm_.size() == 2 ? Vector3(0.5 * (points_mm_[0] + points_mm_[1]))
+                                                  : points_mm_[points_mm_.size() / 2];
     o.labels.push_back({middle, text_.toUtf8().toStdString(), kInk, 16, true});
   }
   scene_.set_overlay("measure", std::move(o));

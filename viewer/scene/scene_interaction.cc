@@ -23,8 +23,9 @@ class MouseFilter : public QObject {
     if (!press && !release && event->type() != QEvent::MouseMove) return false;
     const auto* mouse = static_cast<const QMouseEvent*>(event);
     if ((press || release) && mouse->button() != Qt::LeftButton) return false;
-    const auto kind = press ? SceneMouse::Kind::kPress : release ? SceneMouse::Kind::kRelease
-                                                                 : SceneMouse::Kind::kMove;
+    const auto kind = press     ? SceneMouse::Kind::kPress
+                      : release ? SceneMouse::Kind::kRelease
+                                : SceneMouse::Kind::kMove;
     return handler_(kind, mouse->localPos(), mouse->buttons() & Qt::LeftButton,
                     mouse->modifiers() == Qt::NoModifier);
   }
@@ -40,8 +41,10 @@ void Scene3d::Impl::start_interaction() {
   rest.setSingleShot(true);
   rest.setInterval(kRestMs);
   QObject::connect(&rest, &QTimer::timeout, [this] {
-    if (interacting || !full_allowed) rest.start();
-    else set_moving(false);
+    if (interacting || !full_allowed)
+      rest.start();
+    else
+      set_moving(false);
   });
   motion_callback->SetClientData(this);
   motion_callback->SetCallback([](vtkObject*, unsigned long event, void* data, void*) {
@@ -54,13 +57,11 @@ void Scene3d::Impl::start_interaction() {
       s.linked->render();
     }
   });
-  for (const auto event : {vtkCommand::StartInteractionEvent, vtkCommand::InteractionEvent,
-                           vtkCommand::EndInteractionEvent})
+  for (const auto event :
+       {vtkCommand::StartInteractionEvent, vtkCommand::InteractionEvent, vtkCommand::EndInteractionEvent})
     style->AddObserver(event, motion_callback);
-  filter = std::make_unique<MouseFilter>(
-      [this](SceneMouse::Kind kind, const QPointF& px, bool left, bool plain) {
-        return mouse(kind, px, left, plain);
-      });
+  filter = std::make_unique<MouseFilter>([this](SceneMouse::Kind kind, const QPointF& px, bool left,
+                                                bool plain) { return mouse(kind, px, left, plain); });
   widget->installEventFilter(filter.get());
 }
 

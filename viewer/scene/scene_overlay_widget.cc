@@ -36,8 +36,8 @@ void SceneOverlayWidget::paintEvent(QPaintEvent*) {
   painter.setRenderHint(QPainter::Antialiasing);
   if (!caption_.isEmpty()) {
     painter.setFont(QFont(font().family(), 10, QFont::DemiBold));
-    const QRect box = painter.fontMetrics().boundingRect(QRect(0, 0, width() - 40, 200),
-                                                         Qt::TextWordWrap, caption_);
+    const QRect box =
+        painter.fontMetrics().boundingRect(QRect(0, 0, width() - 40, 200), Qt::TextWordWrap, caption_);
     const QRect plate = box.translated(14, 12).adjusted(-6, -4, 6, 4);
     painter.setPen(Qt::NoPen);
     painter.setBrush(QColor(255, 255, 255, 205));
@@ -56,8 +56,8 @@ void SceneOverlayWidget::draw_scale(QPainter& painter) const {
   const auto number = [&](double v) {
     return QString::fromStdString(signed_number(v, 2, scale_->diverging && v > 0));
   };
-  const int text_w = std::max({metrics.horizontalAdvance(number(scale_->low)),
-                               metrics.horizontalAdvance(number(scale_->high)), 36});
+  const int text_w = std::max(
+      {metrics.horizontalAdvance(number(scale_->low)), metrics.horizontalAdvance(number(scale_->high)), 36});
   const int title_w = metrics.horizontalAdvance(scale_->title);
   const int plate_w = std::max(bar_w + text_w + 26, title_w + 16);
   const QRect plate(width() - plate_w - 10, height() - bar_h - 54, plate_w, bar_h + 44);
@@ -65,7 +65,8 @@ void SceneOverlayWidget::draw_scale(QPainter& painter) const {
   painter.setBrush(QColor(255, 255, 255, 215));
   painter.drawRoundedRect(plate, 4, 4);
   painter.setPen(QColor(28, 36, 48));
-  painter.drawText(QRect(plate.left() + 8, plate.top() + 4, title_w + 2, 18), Qt::AlignVCenter, scale_->title);
+  painter.drawText(QRect(plate.left() + 8, plate.top() + 4, title_w + 2, 18), Qt::AlignVCenter,
+                   scale_->title);
   const QRect bar(plate.left() + 10, plate.top() + 28, bar_w, bar_h);
   for (int y = 0; y < bar_h; ++y) {
     const double s = 1.0 - (y + 0.5) / bar_h;

@@ -285,8 +285,7 @@ void Scene3d::set_overlay(const std::string& overlay_name, Overlay overlay) {
   auto& into = impl_->overlays[overlay_name];
   into.first = overlay.on_top;
   into.second = overlay_actors(overlay, impl_->widget->devicePixelRatioF());
-  for (const auto& actor : into.second)
-    (overlay.on_top ? impl_->front : impl_->renderer)->AddViewProp(actor);
+  for (const auto& actor : into.second) (overlay.on_top ? impl_->front : impl_->renderer)->AddViewProp(actor);
   render();
 }
 

@@ -26,7 +26,8 @@ CameraView::CameraView(QWidget* parent) : QWidget(parent) {
 void CameraView::show_preview(const client::Preview& preview) {
   preview_ = preview;
   const Image8& im = preview.image;
-  picture_ = QImage(im.pixels.data(), im.width_px, im.height_px, im.width_px, QImage::Format_Grayscale8).copy();
+  picture_ =
+      QImage(im.pixels.data(), im.width_px, im.height_px, im.width_px, QImage::Format_Grayscale8).copy();
   update();
 }
 
@@ -43,8 +44,10 @@ void CameraView::paintEvent(QPaintEvent*) {
     painter.drawText(rect(), Qt::AlignCenter, "no picture yet");
     return;
   }
-  const double fit = std::min(width() / double(picture_.width()), (height() - 18) / double(picture_.height()));
-  const QRectF box((width() - fit * picture_.width()) / 2, 0, fit * picture_.width(), fit * picture_.height());
+  const double fit =
+      std::min(width() / double(picture_.width()), (height() - 18) / double(picture_.height()));
+  const QRectF box((width() - fit * picture_.width()) / 2, 0, fit * picture_.width(),
+                   fit * picture_.height());
   painter.setRenderHint(QPainter::SmoothPixmapTransform);
   painter.drawImage(box, picture_);
   painter.setRenderHint(QPainter::Antialiasing);
@@ -54,7 +57,8 @@ void CameraView::paintEvent(QPaintEvent*) {
   for (const client::TagOutline& tag : preview_.tags) {
     if (tag.corners_px.size() != 8) continue;
     const bool good = shortest_side_px(tag.corners_px) >= 40;
-    painter.setPen(QPen(good ? QColor(40, 210, 140) : QColor(255, 170, 40), 2, good ? Qt::SolidLine : Qt::DashLine));
+    painter.setPen(
+        QPen(good ? QColor(40, 210, 140) : QColor(255, 170, 40), 2, good ? Qt::SolidLine : Qt::DashLine));
     QPolygonF outline;
     for (std::size_t k = 0; k < 4; ++k)
       outline << box.topLeft() + QPointF(sx * tag.corners_px[2 * k], sy * tag.corners_px[2 * k + 1]);

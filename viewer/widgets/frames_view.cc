@@ -68,7 +68,8 @@ void FramesView::paintEvent(QPaintEvent*) {
   painter.setRenderHint(QPainter::Antialiasing);
   if (!graph_ || graph_->edges().empty()) {
     painter.setPen(QColor(96, 103, 116));
-    painter.drawText(rect(), Qt::AlignCenter, "No frames are registered yet: 'gnathion run' makes the graph.");
+    painter.drawText(rect(), Qt::AlignCenter,
+                     "No frames are registered yet: 'gnathion run' makes the graph.");
     return;
   }
   const auto at = places();
@@ -78,18 +79,14 @@ void FramesView::paintEvent(QPaintEvent*) {
     const FrameEdge& e = graph_->edges()[i];
     const QPointF a = at.at(e.from), b = at.at(e.to);
     const bool strong = chosen_ == i;
-    painter.setPen(QPen(suspect_[i] ? QColor(170, 30, 20) : strong ? QColor(200, 120, 0) : QColor(100, 120, 145),
+    painter.setPen(QPen(suspect_[i] ? QColor(170, 30, 20)
+                        : strong    ? QColor(200, 120, 0)
+                                    : QColor(100, 120, 145),
                         strong ? 3.5 : 2, suspect_[i] ? Qt::DashLine : Qt::SolidLine));
     painter.drawLine(a, b);
-    const QString text = at_teeth_mm_[i] ? QString("%1 mm").arg(*at_teeth_mm_[i], 0, 'f', 3) : QString("error unknown");
+    const QString text =
+        at_teeth_mm_[i] ? QString("%1 mm").arg(*at_teeth_mm_[i], 0, 'f', 3) : QString("error unknown");
     labels.emplace_back(a + (i % 2 ? 0.42 : 0.58) * (b - a), text);
-  }
-  for (const auto& [p, text] : labels) {
-    QRectF box = painter.fontMetrics().boundingRect(text);
-    box.moveCenter(p);
-    painter.fillRect(box.adjusted(-3, 0, 3, 0), QColor(255, 255, 255, 235));
-    painter.setPen(QColor(60, 66, 78));
-    painter.drawText(box, Qt::AlignCenter, text);
   }
   painter.setFont(QFont(font().family(), 9, QFont::DemiBold));
   for (const auto& [name, p] : at) {
@@ -103,6 +100,14 @@ void FramesView::paintEvent(QPaintEvent*) {
     painter.setPen(home ? Qt::white : QColor(28, 36, 48));
     painter.drawText(box, Qt::AlignCenter, shown(name));
   }
+  painter.setFont(QFont(font().family(), 8));
+  for (const auto& [p, text] : labels) {
+    QRectF box = painter.fontMetrics().boundingRect(text);
+    box.moveCenter(p);
+    painter.fillRect(box.adjusted(-3, 0, 3, 0), QColor(255, 255, 255, 235));
+    painter.setPen(QColor(60, 66, 78));
+    painter.drawText(box, Qt::AlignCenter, text);
+  }
 }
 
 void FramesView::mousePressEvent(QMouseEvent* event) {
@@ -112,8 +117,8 @@ void FramesView::mousePressEvent(QMouseEvent* event) {
   std::optional<std::size_t> hit;
   for (std::size_t i = 0; i < graph_->edges().size(); ++i) {
     const QPointF a = at.at(graph_->edges()[i].from), b = at.at(graph_->edges()[i].to), d = b - a;
-    const double s = std::clamp(QPointF::dotProduct(event->localPos() - a, d) /
-                                    std::max(1e-9, QPointF::dotProduct(d, d)), 0.0, 1.0);
+    const double s = std::clamp(
+        QPointF::dotProduct(event->localPos() - a, d) / std::max(1e-9, QPointF::dotProduct(d, d)), 0.0, 1.0);
     const QPointF off = event->localPos() - a - s * d;
     if (std::hypot(off.x(), off.y()) < nearest) nearest = std::hypot(off.x(), off.y()), hit = i;
   }

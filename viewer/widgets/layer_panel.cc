@@ -54,8 +54,8 @@ QWidget* LayerPanel::make_row(const Layer& layer) {
   });
   auto* swatch = new QLabel;
   swatch->setFixedSize(12, 12);
-  swatch->setStyleSheet(QString("background:%1;border:1px solid #8a909c;border-radius:2px")
-                            .arg(qcolor(layer.color_3d).name()));
+  swatch->setStyleSheet(
+      QString("background:%1;border:1px solid #8a909c;border-radius:2px").arg(qcolor(layer.color_3d).name()));
   swatch->setToolTip("Colour in 3D; the section uses the method's colours");
   auto* name = new QLabel(QString::fromStdString(layer.name));
   auto* opacity = new QSlider(Qt::Horizontal);

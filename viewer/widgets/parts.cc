@@ -1,7 +1,7 @@
 #include "viewer/widgets/parts.h"
 
-#include <QHeaderView>
 #include <QHBoxLayout>
+#include <QHeaderView>
 #include <QPainter>
 #include <QPainterPath>
 #include <QToolButton>
@@ -104,8 +104,7 @@ StepStatus::StepStatus(const QString& object_name) {
 
 void StepStatus::show_state(const QStringList& done, const std::vector<Absence>& missing) {
   QStringList lines;
-  for (const QString& line : done)
-    lines << "<span style='color:#00694d'>✓</span> " + line;
+  for (const QString& line : done) lines << "<span style='color:#00694d'>✓</span> " + line;
   for (const Absence& a : missing)
     lines << QString("<span style='color:%1'>%2 <b>%3</b></span>: %4")
                  .arg(a.broken ? "#a01e14" : "#7a4600", a.broken ? "✗" : "○",
@@ -140,13 +139,15 @@ void MessageBar::show_line(const QString& line, const char* style) {
 }
 
 void MessageBar::show_error(const QString& line) {
-  show_line(line, "#messageBar{background:#fbe6e3;border-bottom:1px solid #c4483a}"
-                  "#messageText{color:#7c1a10;font-weight:600}");
+  show_line(line,
+            "#messageBar{background:#fbe6e3;border-bottom:1px solid #c4483a}"
+            "#messageText{color:#7c1a10;font-weight:600}");
 }
 
 void MessageBar::show_notice(const QString& line) {
-  show_line(line, "#messageBar{background:#e6f0fa;border-bottom:1px solid #6f9cc9}"
-                  "#messageText{color:#123e68}");
+  show_line(line,
+            "#messageBar{background:#e6f0fa;border-bottom:1px solid #6f9cc9}"
+            "#messageText{color:#123e68}");
 }
 
 ChartView::ChartView(QWidget* parent) : QWidget(parent) {

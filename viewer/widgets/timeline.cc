@@ -76,8 +76,10 @@ void Timeline::draw_curve(QPainter& painter) const {
       gap_from = -1;
     }
     const QPointF p(x_of(s.time_s), y_of(s.value_mm));
-    if (pen_down) path.lineTo(p);
-    else path.moveTo(p);
+    if (pen_down)
+      path.lineTo(p);
+    else
+      path.moveTo(p);
     pen_down = true;
   }
   painter.setPen(QPen(kCurve, 1.6));
@@ -111,7 +113,8 @@ void Timeline::paintEvent(QPaintEvent*) {
   painter.fillRect(rect(), Qt::white);
   if (samples_.empty()) {
     painter.setPen(kTick);
-    painter.drawText(rect(), Qt::AlignCenter, "No motion in this case yet: record one in Capture, or run the case.");
+    painter.drawText(rect(), Qt::AlignCenter,
+                     "No motion in this case yet: record one in Capture, or run the case.");
     return;
   }
   draw_axis(painter);
