@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-chain campaign-daemon package format clean
+.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-chain campaign-check campaign-daemon package format clean
 
 all: build
 
@@ -71,6 +71,10 @@ campaign-daemon: build
 # A Debian package: build/release/gnathion_*.deb
 package: build
 	@cd $(BUILD) && cpack -G DEB
+
+# The constraints on fresh virtual patients, half of the transformations made to violate one.
+campaign-check: build
+	@$(BIN)/check_campaign --seeds $(SEEDS)
 
 asan tsan: deps
 	@cmake --preset $@ > /dev/null && cmake --build build/$@ -j $(JOBS) && ctest --test-dir build/$@ --output-on-failure
