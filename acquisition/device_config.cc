@@ -1,6 +1,8 @@
 #include "acquisition/device_config.h"
 
 #include <fmt/format.h>
+#define TOML_EXCEPTIONS \
+  0  // as everywhere: toml++ built both ways in one program has two layouts of one class
 #include <toml++/toml.h>
 
 #include <algorithm>
@@ -96,13 +98,12 @@ Result<DeviceConfig> device_from(const toml::table& table, const fs::path& path,
 
 Result<std::vector<DeviceConfig>> read_device_configs(const fs::path& path) {
   GNATHION_TRY(const std::string text, read_file(path));
-  toml::table file;
-  try {
-    file = toml::parse(text);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, path.string(),
-                     fmt::format("line {}: {}", e.source().begin.line, e.description()));
-  }
+  toml::parse_result parsed = toml::parse(text);
+  if (!parsed)
+    return bad_input(
+        kWhat, path.string(),
+        fmt::format("line {}: {}", parsed.error().source().begin.line, parsed.error().description()));
+  const toml::table file = std::move(parsed).table();
   for (const auto& [key, node] : file)
     if (key.str() != "device")
       return bad_input(kWhat, path.string(), fmt::format("unknown key '{}'", key.str()));

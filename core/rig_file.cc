@@ -1,5 +1,7 @@
 // RIG.toml and the files of its bodies.
 #include <fmt/format.h>
+#define TOML_EXCEPTIONS \
+  0  // as everywhere: toml++ built both ways in one program has two layouts of one class
 #include <toml++/toml.h>
 
 #include "core/camera_model.h"
@@ -13,12 +15,12 @@ constexpr const char* kWhat = "cannot read rig";
 
 Result<toml::table> parse_toml(const fs::path& path) {
   GNATHION_TRY(const std::string text, read_file(path));
-  try {
-    return toml::parse(text, path.string());
-  } catch (const toml::parse_error& e) {
+  toml::parse_result parsed = toml::parse(text, path.string());
+  if (!parsed)
     return bad_input(kWhat, path.string(),
-                     fmt::format("line {}: {}", e.source().begin.line, std::string(e.description())));
-  }
+                     fmt::format("line {}: {}", parsed.error().source().begin.line,
+                                 std::string(parsed.error().description())));
+  return std::move(parsed).table();
 }
 
 Result<double> number(const toml::table& t, const char* key, const std::string& where) {

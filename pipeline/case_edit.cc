@@ -120,12 +120,10 @@ Status CaseEdit::add(const NewCaseFile& file) {
 }
 
 Status CaseEdit::set(const std::string& section, const std::string& key, const std::string& toml_value) {
-  toml::table t;
-  try {
-    t = toml::parse(text_);
-  } catch (const toml::parse_error& e) {
-    return bad_input(kWhat, (folder_ / "case.toml").string(), std::string(e.description()));
-  }
+  toml::parse_result parsed = toml::parse(text_);
+  if (!parsed)
+    return bad_input(kWhat, (folder_ / "case.toml").string(), std::string(parsed.error().description()));
+  const toml::table t = std::move(parsed).table();
   const std::string line = key + " = " + toml_value + "\n";
   const toml::table* table = t[section].as_table();
   if (table == nullptr) {
@@ -152,11 +150,10 @@ Status CaseEdit::set(const std::string& section, const std::string& key, const s
 }
 
 Status CaseEdit::commit() {
-  try {
-    (void)toml::parse(text_);
-  } catch (const toml::parse_error& e) {
-    return fail(ErrorCode::kInternal, kWhat, (folder_ / "case.toml").string(), std::string(e.description()));
-  }
+  const toml::parse_result parsed = toml::parse(text_);
+  if (!parsed)
+    return fail(ErrorCode::kInternal, kWhat, (folder_ / "case.toml").string(),
+                std::string(parsed.error().description()));
   return write_private(folder_ / "case.toml", text_);
 }
 

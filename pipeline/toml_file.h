@@ -4,6 +4,8 @@
 #include <filesystem>
 #include <string>
 
+// As everywhere: toml++ built with and without exceptions in one program has two layouts of one class.
+#define TOML_EXCEPTIONS 0
 #include <toml++/toml.h>
 
 #include "core/result.h"
