@@ -1,0 +1,172 @@
+// Jobs as processes: progress, results, cancelling, and nothing left behind.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <atomic>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "acquisition/recording.h"
+#include "core/file.h"
+#include "core/mesh.h"
+#include "core/mesh_io.h"
+#include "tests/daemon/daemon_process.h"
+
+namespace gnathion::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using client::JobState;
+using ::testing::HasSubstr;
+
+/// Hidden files and folders anywhere below: what a job may have left half-made.
+std::vector<std::string> hidden_in(const fs::path& folder) {
+  std::vector<std::string> names;
+  for (const auto& entry : fs::recursive_directory_iterator(folder))
+    if (entry.path().filename().string().rfind('.', 0) == 0 && entry.path().filename() != ".lock")
+      names.push_back(entry.path().string());
+  return names;
+}
+
+std::set<std::string> files_in(const fs::path& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::recursive_directory_iterator(folder))
+    if (entry.path().filename() != ".lock") names.insert(entry.path().string());
+  return names;
+}
+
+class DaemonJobs : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    daemon_ = std::make_unique<DaemonProcess>(folder_.path());
+    ASSERT_TRUE(daemon_->start()) << daemon_->log();
+    client_ = daemon_->connect();
+    ASSERT_TRUE(client_->create_case("case-1"));
+    // A recording of a sensor's poses: `calibrate time` and `track` read it in a moment.
+    SmallRecording what;
+    what.duration_s = 4;
+    write_small_recording(case_folder() / "film.mcap", what);
+  }
+  fs::path case_folder() const { return daemon_->cases() / "case-1"; }
+  client::Job wait_for(const std::string& id) {
+    client::Job job;
+    EXPECT_TRUE(eventually(
+        [&] {
+          for (const auto& j : client_->jobs().value_or(std::vector<client::Job>{}))
+            if (j.id == id) job = j;
+          return job.finished();
+        },
+        120))
+        << job.step;
+    return job;
+  }
+  /// The phantom's case: scans that design takes seconds for.
+  void add_phantom() {
+    const fs::path made = folder_.path() / "phantom";
+    std::string text;
+    ASSERT_EQ(
+        run_program({DaemonProcess::program(), "phantom", "--seed", "1", "--out", made.string(), "--quiet"},
+                    &text, 300),
+        0)
+        << text;
+    fs::create_directories(case_folder() / "scans");
+    for (const char* file : {"scans/maxilla_mi.ply", "scans/mandible_mi.ply"})
+      fs::copy_file(made / file, case_folder() / file);
+    std::ofstream(case_folder() / "T.txt") << "1 0 0 0\n0 1 0 0\n0 0 1 -2\n0 0 0 1\n";
+  }
+  client::JobRequest design() const {
+    return {"case-1",
+            "design",
+            {{"maxilla", "scans/maxilla_mi.ply"},
+             {"mandible", "scans/mandible_mi.ply"},
+             {"transform", "T.txt"},
+             {"out", "splint"},
+             {"no-pictures", "true"}},
+            false};
+  }
+  TemporaryFolder folder_;
+  std::unique_ptr<DaemonProcess> daemon_;
+  std::unique_ptr<client::DaemonClient> client_;
+};
+
+TEST_F(DaemonJobs, AnErrorComesBackAsTheCommandsOneLine) {
+  const auto job = client_->submit(
+      {"case-1", "track", {{"recording", "film.mcap"}, {"rig", "film.mcap"}, {"out", "m.mcap"}}, false});
+  ASSERT_TRUE(job) << job.error().line();
+  const client::Job end = wait_for(job->id);
+  EXPECT_EQ(end.state, JobState::kFailed);
+  EXPECT_EQ(end.exit_code, 4);
+  EXPECT_THAT(end.message, HasSubstr("film.mcap"));
+  EXPECT_THAT(end.message, ::testing::Not(HasSubstr(folder_.path().string())));  // no path of the machine
+  EXPECT_FALSE(fs::exists(case_folder() / "m.mcap"));
+  EXPECT_TRUE(hidden_in(case_folder()).empty());
+}
+
+/// Makes a virtual patient and designs three times: minutes, so with --gtest_also_run_disabled_tests.
+TEST_F(DaemonJobs, DISABLED_DesignIsFollowedCancelledKilledAndDone) {
+  add_phantom();
+  const auto before = files_in(case_folder());
+  // Cancelled while it works: within half a second, and nothing stays.
+  auto job = client_->submit(design());
+  ASSERT_TRUE(job) << job.error().line();
+  std::mutex mutex;
+  std::vector<client::Job> seen;
+  const auto follow = client_->job_progress(job->id, [&](const client::Job& j) {
+    std::lock_guard lock(mutex);
+    seen.push_back(j);
+  });
+  EXPECT_TRUE(eventually(
+      [&] {
+        std::lock_guard lock(mutex);
+        return !seen.empty() && !seen.back().step.empty() && seen.back().fraction > 0;
+      },
+      60));
+  const auto cancelled = client_->cancel(job->id);
+  ASSERT_TRUE(cancelled);
+  EXPECT_EQ(cancelled->state, JobState::kCancelled);
+  EXPECT_EQ(files_in(case_folder()), before);
+  // The daemon is killed while a job works: the job dies with it, and the next start clears up.
+  job = client_->submit(design());
+  ASSERT_TRUE(eventually([&] { return fs::exists(case_folder() / ".jobs" / job->id / "stdout"); }));
+  daemon_->kill_and_wait();
+  ASSERT_TRUE(daemon_->start()) << daemon_->log();
+  client_ = daemon_->connect();
+  EXPECT_EQ(files_in(case_folder()), before);
+  // Left alone it ends, with a result whose paths are the case's.
+  job = client_->submit(design());
+  ASSERT_TRUE(job);
+  const auto early = client_->job_result(job->id);
+  ASSERT_FALSE(early);
+  EXPECT_THAT(early.error().line(), HasSubstr("wait for its end"));
+  const client::Job end = wait_for(job->id);
+  EXPECT_TRUE(end.state == JobState::kDone || end.state == JobState::kGateFailed) << end.message;
+  const auto result = client_->job_result(job->id);
+  ASSERT_TRUE(result);
+  EXPECT_EQ(result->outputs, std::vector<std::string>{"splint"});
+  EXPECT_TRUE(nlohmann::json::parse(result->json, nullptr, false).is_object());
+  EXPECT_TRUE(fs::exists(case_folder() / "splint/design.json"));
+  EXPECT_TRUE(hidden_in(case_folder()).empty());
+  EXPECT_FALSE(client_->submit(design()));  // exists
+}
+
+TEST_F(DaemonJobs, TheQueueIsBoundedAndAQueuedJobIsCancelledAtOnce) {
+  client::JobRequest order{
+      "case-1", "track", {{"recording", "film.mcap"}, {"rig", "film.mcap"}, {"out", "m.mcap"}}, false};
+  std::vector<std::string> ids;
+  bool refused = false;
+  for (int i = 0; i < 300 && !refused; ++i) {
+    const auto job = client_->submit(order);
+    refused = !job && job.error().line().find("are waiting already") != std::string::npos;
+    if (job) ids.push_back(job->id);
+  }
+  EXPECT_TRUE(refused);
+  for (auto id = ids.rbegin(); id != ids.rend(); ++id) ASSERT_TRUE(client_->cancel(*id));
+  for (const auto& job : client_->jobs().value_or(std::vector<client::Job>{})) EXPECT_TRUE(job.finished());
+  EXPECT_TRUE(hidden_in(case_folder()).empty());
+}
+
+}  // namespace
+}  // namespace gnathion::testing
