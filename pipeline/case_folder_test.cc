@@ -161,6 +161,7 @@ TEST_F(CaseFolder, BadTomlIsRefusedByLineAndColumn) {
   EXPECT_HAS(refusal("[patient]\nnick = \"x\"\n"), "unknown key 'nick'");
   EXPECT_HAS(refusal("[[plane]]\ncentre_mm = [1, 2]\n"), "3 numbers");
   EXPECT_HAS(refusal("[case]\nid = \"x\"\n"), "needs maxilla_mi and mandible_mi");
+  EXPECT_HAS(refusal(std::string(100000, '[')), "line 1");
 }
 
 TEST_F(CaseFolder, WhatAClientWritesStaysInTheCase) {
