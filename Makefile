@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-chain campaign-check campaign-daemon package format clean
+.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-cases campaign-chain campaign-check campaign-daemon package format clean
 
 all: build
 
@@ -56,6 +56,7 @@ fuzz: deps
 campaign: build
 	@$(BIN)/e2e_design_real_test --gtest_also_run_disabled_tests
 	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_virtual_print_phantom_test --gtest_also_run_disabled_tests
+	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_splint_gates_test
 
 # The chain on fresh virtual patients, at TP, at 25° and with repeated scans; two intraoral scans on the real jaws.
 SEEDS ?= 200
@@ -63,6 +64,10 @@ campaign-chain: build
 	@$(BIN)/chain_campaign --seeds $(SEEDS) --anatomies 10 && $(BIN)/chain_campaign --seeds 50 --anatomies 5 --open
 	@$(BIN)/chain_campaign --seeds 50 --anatomies 5 --repeats 2
 	@$(BIN)/scans_campaign --cases 500 && $(BIN)/scans_campaign --cases 60 --tissue 0.3 --missing 2 --coarse 1.0
+
+# Runs of a case killed 200 times.
+campaign-cases: build
+	@GNATHION_KILL_ROUNDS=40 $(BIN)/pipeline_test --gtest_filter='Steps.Killed*' && GNATHION_KILLS=200 $(BIN)/e2e_case_run_test
 
 # The daemon's long forms: latency, 10,000 calls, 200 kills, a day of poses.
 campaign-daemon: build
