@@ -1,6 +1,7 @@
 #include "cli/terminal_progress.h"
 
 #include <fmt/format.h>
+#include <poll.h>
 #include <signal.h>
 #include <sys/prctl.h>
 #include <unistd.h>
@@ -27,7 +28,12 @@ TerminalProgress::Mode progress_mode(bool quiet) {
 }
 
 void end_with_the_daemon() {
-  if (progress_fd() > STDERR_FILENO) ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (progress_fd() <= STDERR_FILENO) return;
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  // It may have died before that line: then nobody holds the pipe's other end any more, and nobody waits for
+  // what this would write into the case.
+  pollfd pipe{progress_fd(), POLLOUT, 0};
+  if (::poll(&pipe, 1, 0) > 0 && (pipe.revents & POLLERR)) ::_exit(1);
 }
 
 TerminalProgress::~TerminalProgress() {

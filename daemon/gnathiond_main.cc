@@ -41,6 +41,7 @@ int signal_fd() {
   for (const int signal : {SIGTERM, SIGINT, SIGHUP}) ::sigaddset(&wanted, signal);
   ::pthread_sigmask(SIG_BLOCK, &wanted, nullptr);
   ::signal(SIGPIPE, SIG_IGN);
+  ::signal(SIGCHLD, SIG_DFL);  // inherited as ignored, it would take the jobs' ends away
   ::signal(SIGXFSZ, SIG_IGN);  // a limit on the file's size is told by write()
   return ::signalfd(-1, &wanted, SFD_CLOEXEC);
 }

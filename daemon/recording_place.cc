@@ -8,6 +8,10 @@
 #include "acquisition/recording.h"
 #include "core/file.h"
 #include "daemon/session_control.h"
+#include "pipeline/case_edit.h"
+#include "pipeline/case_file.h"
+#include "pipeline/case_lock.h"
+#include "pipeline/case_private.h"
 
 namespace gnathion::daemon {
 namespace {
@@ -35,6 +39,16 @@ std::string next_name(const fs::path& folder) {
   return fmt::format("recording_{:03d}", last + 1);
 }
 
+/// For a line of the log: what became of entering a recording that a crash had cut off. `shown` begins with
+/// the case's folder.
+std::string entered(const CaseRoot& root, const std::string& shown) {
+  const std::size_t slash = shown.find('/');
+  if (slash == std::string::npos) return {};
+  const auto done = enter_recording(root, shown.substr(0, slash), shown.substr(slash + 1));
+  if (!done) return "; " + done.error().line();
+  return *done ? "" : "; not in case.toml yet, since something works in the case";
+}
+
 }  // namespace
 
 ApiResult<RecordingPlace> place_for_recording(const CaseRoot& root, const std::string& case_id,
@@ -58,6 +72,23 @@ ApiResult<RecordingPlace> place_for_recording(const CaseRoot& root, const std::s
                   fmt::format("{} is there already: choose another name", place.inside_case));
   place.file = *file;
   return place;
+}
+
+Result<bool> enter_recording(const CaseRoot& root, const std::string& case_id,
+                             const std::string& inside_case) {
+  constexpr const char* what = "cannot enter recording in case.toml";
+  GNATHION_TRY(const fs::path folder, root.case_folder(case_id));
+  const auto lock = CaseLock::take(folder, what);
+  if (!lock && lock.error().code == ErrorCode::kUsage) return false;
+  if (!lock) return tl::unexpected<Error>(lock.error());
+  GNATHION_TRY(const CaseFile files, read_unfinished_case(folder, CaseTrust::kConfined));
+  if (!files.recording.empty() && files.recording.parent_path() != folder / "recordings")
+    return fail(ErrorCode::kGate, what, inside_case,
+                files.recording.filename().string() + " stays the recording that case.toml names");
+  GNATHION_TRY(CaseEdit edit, CaseEdit::open(folder));
+  GNATHION_CHECK_OK(edit.set("session", "recording", toml_quoted(inside_case)));
+  GNATHION_CHECK_OK(edit.commit());
+  return true;
 }
 
 Status note_running_recording(const DaemonConfig& config, const CaseRoot& root, const fs::path& file) {
@@ -89,7 +120,7 @@ std::vector<std::string> recover_after_crash(const DaemonConfig& config, const C
   const auto found = summarise_recording(*file);
   if (found && found->whole) {
     forget_running_recording(config);
-    return {shown + " was complete when the daemon was killed"};
+    return {shown + " was complete when the daemon was killed" + entered(root, shown)};
   }
   const fs::path whole = file->string() + ".recovered";
   fs::remove(whole, ec);
@@ -103,8 +134,8 @@ std::vector<std::string> recover_after_crash(const DaemonConfig& config, const C
   fs::rename(whole, *file, ec);
   if (ec) return {fmt::format("{} cannot be replaced by what was recovered: {}", shown, ec.message())};
   forget_running_recording(config);
-  return {
-      fmt::format("{} was cut off and has been recovered; {} samples are known to be missing", shown, *lost)};
+  return {fmt::format("{} was cut off and has been recovered; {} samples are known to be missing{}", shown,
+                      *lost, entered(root, shown))};
 }
 
 }  // namespace gnathion::daemon

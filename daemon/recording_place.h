@@ -19,6 +19,12 @@ struct RecordingPlace {
 ApiResult<RecordingPlace> place_for_recording(const CaseRoot& root, const std::string& case_id,
                                               const std::string& name);
 
+/// case.toml's [session] recording names it from now on, in place of one that lies in recordings/ too: `run`
+/// takes the newest. False: something works in the case, try again later. Refused (kGate): case.toml names a
+/// recording from elsewhere, which stays.
+Result<bool> enter_recording(const CaseRoot& root, const std::string& case_id,
+                             const std::string& inside_case);
+
 /// A note in the state folder that this file is being written: after a crash it is there.
 Status note_running_recording(const DaemonConfig& config, const CaseRoot& root,
                               const std::filesystem::path& file);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <atomic>
 #include <condition_variable>
+#include <map>
 #include <mutex>
 #include <thread>
 
@@ -72,6 +73,7 @@ struct SessionControl::Impl {
   void end_recording(std::unique_lock<std::mutex>& lock);
   void close_devices(std::unique_lock<std::mutex>& lock);
   void put_mark(const EventSample& event);
+  void enter_waiting(std::unique_lock<std::mutex>& lock);
   void supervise();
   void apply_waiting_config();
   SessionView view_now() const;
@@ -85,6 +87,7 @@ struct SessionControl::Impl {
   Hub<SessionView> changes;
   std::thread supervisor;
 
+  std::mutex entering;       ///< held, without the other, while case.toml is edited
   mutable std::mutex mutex;  ///< of what follows
   std::condition_variable settled;
   State state = State::kIdle;
@@ -99,6 +102,7 @@ struct SessionControl::Impl {
   std::shared_ptr<MarkDevice::Queue> marks;
   std::uint32_t mark_count = 0;
   SessionStatus last_status;
+  std::map<std::string, std::string> not_entered;  ///< by case: its newest recording, not yet in case.toml
 };
 
 /// Waits until no other command is at work, and asks the table.
@@ -288,10 +292,34 @@ void SessionControl::Impl::end_recording(std::unique_lock<std::mutex>& lock) {
     message = "the recording ended early: " + finished.error().line();
     log(LogLevel::kError, message);
   }
+  if (finished) not_entered[case_id] = recording;
   forget_running_recording(config);
   session.reset();
   marks.reset();
+  enter_waiting(lock);
   state = transition(state, Event::kFileClosed).next;
+}
+
+/// What could not be entered since something works in the case waits for the next time; with the lock, which
+/// is given back meanwhile.
+void SessionControl::Impl::enter_waiting(std::unique_lock<std::mutex>& lock) {
+  lock.unlock();
+  std::lock_guard in_order(entering);  // never an older recording after a newer one
+  lock.lock();
+  const auto waiting = not_entered;
+  lock.unlock();
+  std::vector<std::string> done, faults;
+  for (const auto& [id, file] : waiting) {
+    const auto entered = enter_recording(root, id, file);
+    if (entered && !*entered) continue;
+    done.push_back(id);
+    if (!entered) faults.push_back(entered.error().line());
+  }
+  for (const std::string& line : faults) log(LogLevel::kWarning, line);
+  lock.lock();
+  for (const std::string& id : done)
+    if (not_entered[id] == waiting.at(id)) not_entered.erase(id);
+  if (!faults.empty() && message.empty()) message = faults.back();
 }
 
 ApiResult<SessionView> SessionControl::stop() {
@@ -427,9 +455,14 @@ void SessionControl::Impl::apply_waiting_config() {
 /// Tells how the recording goes, and ends it when its sources have ended or the disk takes nothing more.
 void SessionControl::Impl::supervise() {
   std::unique_lock lock(mutex);
+  Stopwatch since_entering;
   while (!stop_supervisor) {
     settled.wait_for(lock, std::chrono::milliseconds(100), [&] { return stop_supervisor; });
     heartbeats.beat(kLoop);
+    if (!busy && !not_entered.empty() && since_entering.seconds() > 1) {
+      enter_waiting(lock);
+      since_entering.restart();
+    }
     if (busy || state != State::kRecording) continue;
     last_status = session->status();
     const bool over = last_status.error || devices->all_ended();

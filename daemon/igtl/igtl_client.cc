@@ -45,18 +45,22 @@ bool IgtlClient::send(HostTime now) {
   return true;
 }
 
-bool IgtlClient::receive() {
+std::string IgtlClient::receive() {
   char block[4096];
   const ssize_t n = ::recv(socket_, block, sizeof block, 0);
-  if (n < 0) return errno == EAGAIN || errno == EINTR;
-  if (n == 0) return false;
+  if (n < 0 && (errno == EAGAIN || errno == EINTR)) return {};
+  if (n <= 0) return "it has gone";
   framer_.feed({block, static_cast<std::size_t>(n)});
-  return nonsense_ < kMaxNonsense;
+  futile_bytes_ += static_cast<std::uint64_t>(n);
+  // The framer tells of noise only once a message comes again: bytes are counted too.
+  const bool nonsense = nonsense_ >= kMaxNonsense || futile_bytes_ > 2 * kMaxRequest;
+  return nonsense ? "what it sends is no OpenIGTLink" : "";
 }
 
 std::optional<igtl::Item> IgtlClient::next() {
   auto item = framer_.next();
   if (item && item->kind == igtl::Item::Kind::kRejected) ++nonsense_;
+  if (item && item->kind == igtl::Item::Kind::kMessage) futile_bytes_ = 0;
   return item;
 }
 

@@ -27,8 +27,8 @@ class IgtlClient {
   bool wants_to_send() const { return current_ || !order_.empty(); }
   /// As much as the socket takes. False: the connection is over.
   bool send(HostTime now);
-  /// What has come, cut into messages. False: the connection is over, or it speaks nonsense.
-  bool receive();
+  /// Takes what has come. Not empty: why the connection is over.
+  std::string receive();
   std::optional<igtl::Item> next();
   /// How long it has taken nothing although there was something.
   double stalled_s(HostTime now) const;
@@ -39,6 +39,8 @@ class IgtlClient {
   bool wants_tdata = false;
   double tdata_interval_s = 0;
   HostTime tdata_sent;
+  bool wants_splint = false;
+  HostTime splint_sent;
   std::map<std::string, HostTime> status_sent;
   std::map<std::string, bool> status_valid;
 
@@ -47,6 +49,7 @@ class IgtlClient {
   const std::string name_;
   igtl::Framer framer_;
   int nonsense_ = 0;
+  std::uint64_t futile_bytes_ = 0;  ///< since the last message
   IgtlMessage current_;
   std::size_t sent_ = 0;
   HostTime progress_;

@@ -25,6 +25,8 @@ constexpr const char* kLoop = "igtl";
 constexpr const char* kWhat = "cannot open OpenIGTLink server";
 constexpr std::uint16_t kOk = 1, kNotFound = 4, kAccessDenied = 5, kNotReady = 13;
 constexpr double kStatusInterval_s = 1;
+constexpr double kSplintInterval_s = 1;  // a splint is read from the disk each time it is asked for
+constexpr std::size_t kPosesWaiting = 8, kFramesWaiting = 4;
 
 /// Names as Slicer shows them.
 std::string device_name(const std::string& body) {
@@ -69,7 +71,7 @@ struct IgtlServer::State {
   void accept_one();
   void attend(IgtlClient& client);
   void answer(IgtlClient& client, const igtl::Item& item);
-  void drop(std::size_t index, const char* why);
+  void drop(std::size_t index, const std::string& why);
   void take_poses();
   void take_frames();
   void send_poses(IgtlClient& client, const LivePoses& poses);
@@ -93,8 +95,6 @@ struct IgtlServer::State {
   std::shared_ptr<Mailbox<LivePoses>> poses;
   std::shared_ptr<Mailbox<LiveFrame>> frames;
   std::unique_ptr<PreviewChooser> chooser;
-  std::shared_ptr<const TriangleMesh> splint;
-  HostTime splint_looked_at;
 };
 
 Result<std::unique_ptr<IgtlServer>> IgtlServer::open(const IgtlServerOptions& options, LiveChannels& channels,
@@ -103,7 +103,7 @@ Result<std::unique_ptr<IgtlServer>> IgtlServer::open(const IgtlServerOptions& op
   auto state = std::make_unique<State>(options, channels, heartbeats, clock);
   state->listener = listener;
   state->wake = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  state->poses = channels.poses.subscribe(8, [s = state.get()] { s->wake_up(); });
+  state->poses = channels.poses.subscribe(kPosesWaiting, [s = state.get()] { s->wake_up(); });
   heartbeats.begin(kLoop, 10.0);
   state->thread = std::thread([s = state.get()] { s->run(); });
   ::pthread_setname_np(state->thread.native_handle(), "igtl");
@@ -148,9 +148,10 @@ void IgtlServer::State::run() {
       const ssize_t n = ::read(wake, &count, sizeof count);
     // From the end, so that dropping one moves none that is still to be seen.
     for (std::size_t i = clients.size(); i-- > 0;) {
-      const bool open = !(waits[i + 2].revents & (POLLIN | POLLHUP | POLLERR)) || clients[i]->receive();
-      if (!open)
-        drop(i, "it has gone");
+      const bool heard = waits[i + 2].revents & (POLLIN | POLLHUP | POLLERR);
+      const std::string over = heard ? clients[i]->receive() : "";
+      if (!over.empty())
+        drop(i, over);
       else
         attend(*clients[i]);
     }
@@ -166,7 +167,7 @@ void IgtlServer::State::run() {
   }
 }
 
-void IgtlServer::State::drop(std::size_t index, const char* why) {
+void IgtlServer::State::drop(std::size_t index, const std::string& why) {
   log(LogLevel::kInfo, fmt::format("OpenIGTLink: {} is let go: {}", clients[index]->name(), why));
   clients.erase(clients.begin() + static_cast<std::ptrdiff_t>(index));
   listen_to_frames();
@@ -177,7 +178,7 @@ void IgtlServer::State::listen_to_frames() {
   if (clients.empty() || options.image_rate_hz <= 0) {
     frames.reset();
   } else if (!frames) {
-    frames = channels.frames.subscribe(4, [this] { wake_up(); });
+    frames = channels.frames.subscribe(kFramesWaiting, [this] { wake_up(); });
     chooser = std::make_unique<PreviewChooser>(std::set<std::string>{}, options.image_rate_hz);
   }
 }
@@ -210,6 +211,9 @@ void IgtlServer::State::accept_one() {
 void IgtlServer::State::attend(IgtlClient& client) {
   while (const auto item = client.next())
     if (item->kind == igtl::Item::Kind::kMessage) answer(client, *item);
+  // However often it asks: reading a splint must not keep the others waiting.
+  if (client.wants_splint && clock.now().seconds_since(client.splint_sent) >= kSplintInterval_s)
+    send_splint(client, true);
 }
 
 void IgtlServer::State::answer(IgtlClient& client, const igtl::Item& item) {
@@ -225,7 +229,7 @@ void IgtlServer::State::answer(IgtlClient& client, const igtl::Item& item) {
     client.wants_tdata = false;
     client.queue("RTS_TDATA", message("RTS_TDATA", "Gnathion", igtl::tracking_reply_body(true), now));
   } else if (type == "GET_POLYDATA") {
-    send_splint(client, true);
+    client.wants_splint = true;
   } else if (type == "GET_STATUS") {
     client.queue("STATUS Gnathion", status(kOk, "Gnathion", "read-only", now));
   } else if (type.rfind("GET_", 0) != 0) {
@@ -235,8 +239,12 @@ void IgtlServer::State::answer(IgtlClient& client, const igtl::Item& item) {
 }
 
 void IgtlServer::State::send_splint(IgtlClient& client, bool asked) {
-  splint = options.splint ? options.splint() : nullptr;
+  const std::shared_ptr<const TriangleMesh> splint = options.splint ? options.splint() : nullptr;
   const HostTime now = clock.now();
+  if (asked) {
+    client.wants_splint = false;
+    client.splint_sent = now;
+  }
   if (splint)
     client.queue("POLYDATA Splint", message("POLYDATA", "Splint", igtl::polydata_body(*splint), now));
   else if (asked)
@@ -271,14 +279,21 @@ void IgtlServer::State::send_poses(IgtlClient& client, const LivePoses& live) {
   if (client.wants_tdata) send_tdata(client, live);
 }
 
+/// What waited when the loop woke up, and no more: instruments faster than this loop must not keep it here.
+/// Whatever comes meanwhile wakes it up again.
 void IgtlServer::State::take_poses() {
-  while (const auto mail = poses->take_within(std::chrono::nanoseconds(0)))
+  for (std::size_t i = 0; i < kPosesWaiting; ++i) {
+    const auto mail = poses->take_within(std::chrono::nanoseconds(0));
+    if (!mail) return;
     for (const auto& client : clients) send_poses(*client, *mail->value);
+  }
 }
 
 void IgtlServer::State::take_frames() {
   if (!frames) return;
-  while (const auto mail = frames->take_within(std::chrono::nanoseconds(0))) {
+  for (std::size_t i = 0; i < kFramesWaiting; ++i) {
+    const auto mail = frames->take_within(std::chrono::nanoseconds(0));
+    if (!mail) return;
     if (!chooser->take(*mail->value, mail->missed)) continue;
     const SampleHeader& header = mail->value->frame.header;
     const Image8 small = shrunk(mail->value->frame.image, options.image_width_px);

@@ -31,7 +31,7 @@ struct IgtlServerOptions {
 ///   STATUS of the same names: 1 while the pose is valid, 13 (not ready) with the reason while it is not; at
 ///     every change and once a second;
 ///   TDATA "Gnathion" with all valid ones, between STT_TDATA and STP_TDATA, at most as often as asked;
-///   IMAGE by the camera's stream name; POLYDATA "Splint" on connection, when it changes and at GET_POLYDATA.
+///   IMAGE by the camera's stream name; POLYDATA "Splint" on connection and at GET_POLYDATA, once a second.
 class IgtlServer {
  public:
   static Result<std::unique_ptr<IgtlServer>> open(const IgtlServerOptions& options, LiveChannels& channels,

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstring>
 
 #include "core/file.h"
@@ -77,7 +78,8 @@ Result<pid_t> spawn(const ChildOrder& order, const Pipe& pipe) {
                                    pointers(arguments).data(), pointers(environment).data());
   ::posix_spawn_file_actions_destroy(&files);
   ::posix_spawnattr_destroy(&attributes);
-  if (failed != 0)
+  // 0, 1 and less would stand for whole groups of processes in what follows.
+  if (failed != 0 || pid <= 1)
     return fail(ErrorCode::kInternal, "cannot start job", order.program.string(), std::strerror(failed));
   ::setpriority(PRIO_PROCESS, static_cast<id_t>(pid), order.nice);
   return pid;
@@ -162,9 +164,10 @@ Result<ChildEnd> run_child(const ChildOrder& order, const std::function<bool()>&
     }
     siginfo_t ended{};
     // The dead leader is left there until its group is gone too: the number cannot be another's meanwhile.
-    if (::waitid(P_PID, static_cast<id_t>(pid), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
-        ended.si_pid == pid)
-      break;
+    const int looked = ::waitid(P_PID, static_cast<id_t>(pid), &ended, WEXITED | WNOHANG | WNOWAIT);
+    if (looked == 0 && ended.si_pid == pid) break;
+    if (looked != 0 && errno != EINTR)  // its number may be another's by now: no signal any more
+      return fail(ErrorCode::kInternal, "cannot follow job", order.program.string(), std::strerror(errno));
     if (!end.cancelled && cancelled()) {
       end.cancelled = true;
       since_term.restart();
@@ -176,7 +179,8 @@ Result<ChildEnd> run_child(const ChildOrder& order, const std::function<bool()>&
     }
   }
   ::kill(-pid, SIGKILL);  // what it may have started itself
-  ::waitpid(pid, &status, 0);
+  while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
   if (WIFEXITED(status)) end.exit_code = WEXITSTATUS(status);
   if (WIFSIGNALED(status)) end.signal = WTERMSIG(status);
   end.output = read_up_to(order.work / "stdout", kMaxOutput);

@@ -129,7 +129,7 @@ std::optional<Leftover> leftover(const std::string& file) {
 }
 
 bool alive(int pid) {
-  return ::kill(pid, 0) == 0 || errno == EPERM;
+  return pid > 0 && (::kill(pid, 0) == 0 || errno == EPERM);
 }
 
 /// Below `folder`, of this process; 0: of all that are gone. How many there were.

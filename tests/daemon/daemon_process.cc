@@ -95,10 +95,11 @@ void DaemonProcess::signal(int number) const {
 }
 
 int DaemonProcess::wait() {
-  int status = 0;
-  if (pid_ <= 0 || !eventually([&] { return ::waitpid(pid_, &status, WNOHANG) != 0; }, 60)) return -1;
+  int status = 0, seen = 0;
+  if (pid_ <= 0 || !eventually([&] { return (seen = ::waitpid(pid_, &status, WNOHANG)) != 0; }, 60))
+    return -1;
   pid_ = 0;
-  return ended_as(status);
+  return seen > 0 ? ended_as(status) : -1;
 }
 
 void DaemonProcess::kill_and_wait() {
@@ -120,17 +121,17 @@ std::string DaemonProcess::log() const {
 int run_program(std::vector<std::string> arguments, std::string* output, double limit_s) {
   const TemporaryFolder folder;
   const int pid = spawn(std::move(arguments), folder.path() / "out");
-  int status = 0;
+  int status = 0, seen = 0;
   if (pid <= 0) {  // never wait for, or signal, "all processes"
     if (output) *output = "cannot be started";
     return -1;
   }
-  if (!eventually([&] { return ::waitpid(pid, &status, WNOHANG) != 0; }, limit_s)) {
+  if (!eventually([&] { return (seen = ::waitpid(pid, &status, WNOHANG)) != 0; }, limit_s)) {
     ::kill(pid, SIGKILL);
-    ::waitpid(pid, &status, 0);
+    seen = ::waitpid(pid, &status, 0);
   }
   if (output) *output = text_of(folder.path() / "out");
-  return ended_as(status);
+  return seen > 0 ? ended_as(status) : -1;
 }
 
 bool eventually(const std::function<bool()>& condition, double limit_s) {

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
-#include <atomic>
+#include <cstdio>
 #include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -13,6 +13,8 @@
 #include "core/file.h"
 #include "core/mesh.h"
 #include "core/mesh_io.h"
+#include "core/time.h"
+#include "phantom/jaws.h"
 #include "tests/daemon/daemon_process.h"
 
 namespace gnathion::testing {
@@ -29,6 +31,18 @@ std::vector<std::string> hidden_in(const fs::path& folder) {
     if (entry.path().filename().string().rfind('.', 0) == 0 && entry.path().filename() != ".lock")
       names.push_back(entry.path().string());
   return names;
+}
+
+/// Processes that have `folder` in their command line: the jobs of its case. Zombies have no command line.
+std::vector<std::string> jobs_at_work_on(const fs::path& folder) {
+  std::vector<std::string> lines;
+  std::error_code ec;
+  for (const auto& entry : fs::directory_iterator("/proc", ec)) {
+    if (entry.path().filename().string().find_first_not_of("0123456789") != std::string::npos) continue;
+    const auto line = read_file(entry.path() / "cmdline");
+    if (line && line->find(folder.string()) != std::string::npos) lines.push_back(*line);
+  }
+  return lines;
 }
 
 std::set<std::string> files_in(const fs::path& folder) {
@@ -63,26 +77,20 @@ class DaemonJobs : public ::testing::Test {
         << job.step;
     return job;
   }
-  /// The phantom's case: scans that design takes seconds for.
-  void add_phantom() {
-    const fs::path made = folder_.path() / "phantom";
-    std::string text;
-    ASSERT_EQ(
-        run_program({DaemonProcess::program(), "phantom", "--seed", "1", "--out", made.string(), "--quiet"},
-                    &text, 300),
-        0)
-        << text;
-    fs::create_directories(case_folder() / "scans");
-    for (const char* file : {"scans/maxilla_mi.ply", "scans/mandible_mi.ply"})
-      fs::copy_file(made / file, case_folder() / file);
-    std::ofstream(case_folder() / "T.txt") << "1 0 0 0\n0 1 0 0\n0 0 1 -2\n0 0 0 1\n";
+  /// Two arches: seconds of work for `check`, more for `design`.
+  void add_jaws() {
+    const PhantomJaws jaws = make_phantom_jaws(1);
+    ASSERT_TRUE(write_mesh(case_folder() / "maxilla.ply", jaws.maxilla));
+    ASSERT_TRUE(write_mesh(case_folder() / "mandible.ply", jaws.mandible_mi));
+    std::ofstream(case_folder() / "open.txt") << "1 0 0 0\n0 1 0 0\n0 0 1 -2\n0 0 0 1\n";
+    std::ofstream(case_folder() / "through.txt") << "1 0 0 0\n0 1 0 0\n0 0 1 3\n0 0 0 1\n";
   }
-  client::JobRequest design() const {
+  client::JobRequest design(const std::string& transform) const {
     return {"case-1",
             "design",
-            {{"maxilla", "scans/maxilla_mi.ply"},
-             {"mandible", "scans/mandible_mi.ply"},
-             {"transform", "T.txt"},
+            {{"maxilla", "maxilla.ply"},
+             {"mandible", "mandible.ply"},
+             {"transform", transform},
              {"out", "splint"},
              {"no-pictures", "true"}},
             false};
@@ -105,12 +113,12 @@ TEST_F(DaemonJobs, AnErrorComesBackAsTheCommandsOneLine) {
   EXPECT_TRUE(hidden_in(case_folder()).empty());
 }
 
-/// Makes a virtual patient and designs three times: minutes, so with --gtest_also_run_disabled_tests.
-TEST_F(DaemonJobs, DISABLED_DesignIsFollowedCancelledKilledAndDone) {
-  add_phantom();
+TEST_F(DaemonJobs, AJobIsFollowedCancelledKilledAndDone) {
+  add_jaws();
+  ASSERT_FALSE(HasFatalFailure());
   const auto before = files_in(case_folder());
-  // Cancelled while it works: within half a second, and nothing stays.
-  auto job = client_->submit(design());
+  // Cancelled while it works: its processes are gone, and nothing stays.
+  auto job = client_->submit(design("open.txt"));
   ASSERT_TRUE(job) << job.error().line();
   std::mutex mutex;
   std::vector<client::Job> seen;
@@ -124,32 +132,53 @@ TEST_F(DaemonJobs, DISABLED_DesignIsFollowedCancelledKilledAndDone) {
         return !seen.empty() && !seen.back().step.empty() && seen.back().fraction > 0;
       },
       60));
+  EXPECT_EQ(jobs_at_work_on(case_folder()).size(), 1u);
+  const Stopwatch since_cancel;
   const auto cancelled = client_->cancel(job->id);
   ASSERT_TRUE(cancelled);
+  EXPECT_TRUE(eventually([&] { return jobs_at_work_on(case_folder()).empty(); }));
+  std::printf("cancelled, and no process left, after %.0f ms\n", 1e3 * since_cancel.seconds());
   EXPECT_EQ(cancelled->state, JobState::kCancelled);
   EXPECT_EQ(files_in(case_folder()), before);
-  // The daemon is killed while a job works: the job dies with it, and the next start clears up.
-  job = client_->submit(design());
+  // The daemon is killed as soon as a job begins: the job dies with it, however far it has come, and the next
+  // start clears up.
+  job = client_->submit(design("open.txt"));
+  ASSERT_TRUE(job);
   ASSERT_TRUE(eventually([&] { return fs::exists(case_folder() / ".jobs" / job->id / "stdout"); }));
   daemon_->kill_and_wait();
   ASSERT_TRUE(daemon_->start()) << daemon_->log();
   client_ = daemon_->connect();
+  EXPECT_TRUE(eventually([&] { return jobs_at_work_on(case_folder()).empty(); }));
   EXPECT_EQ(files_in(case_folder()), before);
   // Left alone it ends, with a result whose paths are the case's.
-  job = client_->submit(design());
+  job = client_->submit({"case-1",
+                         "check",
+                         {{"maxilla", "maxilla.ply"},
+                          {"mandible", "mandible.ply"},
+                          {"transform", "open.txt"},
+                          {"out", "check.json"}},
+                         false});
   ASSERT_TRUE(job);
   const auto early = client_->job_result(job->id);
   ASSERT_FALSE(early);
   EXPECT_THAT(early.error().line(), HasSubstr("wait for its end"));
-  const client::Job end = wait_for(job->id);
-  EXPECT_TRUE(end.state == JobState::kDone || end.state == JobState::kGateFailed) << end.message;
+  EXPECT_EQ(wait_for(job->id).state, JobState::kDone);
   const auto result = client_->job_result(job->id);
   ASSERT_TRUE(result);
-  EXPECT_EQ(result->outputs, std::vector<std::string>{"splint"});
+  EXPECT_EQ(result->outputs, std::vector<std::string>{"check.json"});
   EXPECT_TRUE(nlohmann::json::parse(result->json, nullptr, false).is_object());
-  EXPECT_TRUE(fs::exists(case_folder() / "splint/design.json"));
-  EXPECT_TRUE(hidden_in(case_folder()).empty());
-  EXPECT_FALSE(client_->submit(design()));  // exists
+  // One whose gate fails leaves its report: what was asked for cannot be, the jaws would go through each
+  // other.
+  job = client_->submit(design("through.txt"));
+  ASSERT_TRUE(job);
+  const client::Job end = wait_for(job->id);
+  EXPECT_EQ(end.state, JobState::kGateFailed) << end.message;
+  EXPECT_EQ(end.exit_code, 3);
+  auto expected = before;
+  for (const char* name : {"check.json", "splint", "splint/design.json", "splint/feasibility.json"})
+    expected.insert((case_folder() / name).string());
+  EXPECT_EQ(files_in(case_folder()), expected);
+  EXPECT_FALSE(client_->submit(design("open.txt")));  // exists
 }
 
 TEST_F(DaemonJobs, TheQueueIsBoundedAndAQueuedJobIsCancelledAtOnce) {

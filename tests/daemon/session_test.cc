@@ -14,11 +14,14 @@
 #include <thread>
 
 #include "acquisition/recording.h"
+#include "core/file.h"
 #include "gnathion/v1/capture.grpc.pb.h"
 #include "gnathion/v1/cases.grpc.pb.h"
 #include "gnathion/v1/devices.grpc.pb.h"
 #include "gnathion/v1/jobs.grpc.pb.h"
 #include "gnathion/v1/live.grpc.pb.h"
+#include "pipeline/case_file.h"
+#include "pipeline/case_lock.h"
 #include "tests/daemon/daemon_process.h"
 
 namespace gnathion::testing {
@@ -57,6 +60,12 @@ class DaemonSession : public ::testing::Test {
     const auto session = client_->session();
     return session ? session->state : SessionState::kIdle;
   }
+  /// What case.toml of case-1 names.
+  fs::path named_recording() const {
+    const auto files = read_unfinished_case(daemon_->cases() / "case-1");
+    EXPECT_TRUE(files) << files.error().line();
+    return files ? files->recording : fs::path();
+  }
   TemporaryFolder folder_;
   std::unique_ptr<DaemonProcess> daemon_;
   std::unique_ptr<client::DaemonClient> client_;
@@ -81,6 +90,7 @@ TEST_F(DaemonSession, RecordsWithMarksAndEverySubscriberSeesIt) {
   EXPECT_EQ(stopped->state, SessionState::kArmed);
   ASSERT_TRUE(client_->disarm());
   EXPECT_EQ(state(), SessionState::kIdle);
+  EXPECT_EQ(named_recording(), daemon_->cases() / "case-1" / started.recording);  // `run` finds it
 
   const fs::path file = daemon_->cases() / "case-1" / started.recording;
   struct stat info {};
@@ -135,6 +145,41 @@ TEST_F(DaemonSession, SeveralRecordingsWhileTheDevicesGoOn) {
     }
     EXPECT_GT(last, first);
   }
+}
+
+TEST_F(DaemonSession, CaseTomlNamesTheNewestRecording) {
+  start();
+  const fs::path folder = daemon_->cases() / "case-1";
+  std::ofstream(folder / "case.toml", std::ios::app) << "\n# by hand\n[session]\n";
+  arm_and_start();
+  ASSERT_TRUE(client_->stop());
+  EXPECT_EQ(named_recording(), folder / "recordings/recording_001.mcap");
+  {  // Something works in the case: it is entered when that has ended.
+    const auto lock = CaseLock::take(folder, "test");
+    ASSERT_TRUE(lock);
+    ASSERT_TRUE(client_->start());
+    ASSERT_TRUE(client_->stop());
+    EXPECT_EQ(named_recording(), folder / "recordings/recording_001.mcap");
+  }
+  EXPECT_TRUE(eventually([&] { return named_recording() == folder / "recordings/recording_002.mcap"; }));
+  // The daemon is killed while it records: the next start enters what it makes whole.
+  ASSERT_TRUE(client_->start());
+  ASSERT_TRUE(eventually([&] { return client_->session()->file_bytes > 100'000; }));
+  daemon_->kill_and_wait();
+  ASSERT_TRUE(daemon_->start()) << daemon_->log();
+  client_ = daemon_->connect();
+  EXPECT_EQ(named_recording(), folder / "recordings/recording_003.mcap");
+  std::string text = read_file(folder / "case.toml").value_or("");
+  EXPECT_THAT(text, HasSubstr("# by hand"));
+  // One that lies elsewhere is a person's choice and stays; the session says so.
+  fs::copy_file(film(), folder / "chosen.mcap");
+  text.replace(text.find("recordings/recording_003.mcap"), 29, "chosen.mcap");
+  std::ofstream(folder / "case.toml") << text;
+  arm_and_start();
+  const auto stopped = client_->stop();
+  ASSERT_TRUE(stopped);
+  EXPECT_THAT(stopped->message, HasSubstr("chosen.mcap stays the recording that case.toml names"));
+  EXPECT_EQ(named_recording(), folder / "chosen.mcap");
 }
 
 TEST_F(DaemonSession, ARecordingEndsByItselfWhenItsSourcesDo) {
