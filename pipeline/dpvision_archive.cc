@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <zip.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <memory>
@@ -35,7 +36,7 @@ std::string inside(std::string name) {
       part += c;
       continue;
     }
-    if (part == ".." || part.find(':') != std::string::npos) return "";
+    if (part == ".." || std::count(part.begin(), part.end(), ':') > 0) return "";
     if (!part.empty() && part != ".") out += (out.empty() ? "" : "/") + part;
     part.clear();
   }
