@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "acquisition/recording.h"
+#include "core/file.h"
 #include "core/random.h"
 #include "tests/daemon/cut_proxy.h"
 #include "tests/daemon/daemon_process.h"
@@ -230,6 +231,8 @@ KillsResult kill_at_random(int kills, std::uint64_t seed) {
   fs::copy_file(bench.folder.path() / "cases/incoming/film.mcap", bench.daemon.cases() / "case-1/film.mcap");
   const client::JobRequest job{
       "case-1", "track", {{"recording", "film.mcap"}, {"rig", "film.mcap"}, {"out", "m.mcap"}}, false};
+  const fs::path case_toml = bench.daemon.cases() / "case-1/case.toml";
+  const std::string as_created = read_file(case_toml).value_or("");
   std::map<std::string, std::uint32_t> last_seen;  ///< by recording: the last pose that a subscriber had
   for (int i = 0; i < kills && r.fault.empty(); ++i) {
     std::atomic<std::uint32_t> sequence{0};
@@ -281,7 +284,10 @@ KillsResult kill_at_random(int kills, std::uint64_t seed) {
     r.worst_restart_s = std::max(r.worst_restart_s, watch.seconds());
     bench.client = bench.daemon.connect();
     const auto opened = bench.client->open_case("case-1");
-    if (!opened || !opened->problem.empty()) ++r.unopened;
+    if (!opened || !opened->problem.empty()) {
+      ++r.unopened;
+      r.fault = opened ? opened->problem : opened.error().line();
+    }
     for (const auto& entry : fs::recursive_directory_iterator(bench.daemon.cases() / "case-1"))
       if ((entry.path().filename().string().rfind('.', 0) == 0 && entry.path().filename() != ".lock") ||
           entry.path().extension() == ".recovered") {
@@ -310,6 +316,7 @@ KillsResult kill_at_random(int kills, std::uint64_t seed) {
         r.worst_lost_ms = std::max(r.worst_lost_ms, 1e3 * (seen - last) / film.rate_hz);
     }
     fs::remove_all(bench.daemon.cases() / "case-1/recordings", ec);
+    (void)write_file(case_toml, as_created);  // it named one of them
   }
   return r;
 }
