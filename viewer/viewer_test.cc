@@ -402,8 +402,8 @@ TEST_F(ViewerTest, BuildsInTheBackgroundOrIsCancelled) {
 
   auto* tabs = h.find<QTabWidget>("designTabs");
   QTest::mouseClick(tabs->tabBar(), Qt::LeftButton, {}, tabs->tabBar()->tabRect(1).center());
-  h.type(h.find<QDoubleSpinBox>("parameter_voxel_mm"), "0.4");
-  EXPECT_NEAR(h.window.document().state().parameters.voxel_mm, 0.4, 1e-9);
+  h.type(h.find<QDoubleSpinBox>("parameter_voxel_mm"), "0.2");
+  EXPECT_NEAR(h.window.document().state().parameters.voxel_mm, 0.2, 1e-9);
   h.click("buildSplint");
   EXPECT_TRUE(h.wait([&] { return !h.window.jobs().busy(); }));
   EXPECT_TRUE(fs::exists(folder_ / "designs" / "design_001" / "design.json"));

@@ -69,7 +69,7 @@ class CaseRun : public ::testing::Test {
     c.files = {{"maxilla_mi", folder_ / "u.stl"},
                {"mandible_mi", folder_ / "l.stl"},
                {"position.transform", folder_ / "t.json"}};
-    c.more_toml = "\n[design]\nvoxel_mm = 0.3\n";
+    c.more_toml = "\n[design]\nvoxel_mm = 0.3\naperture_limit_mm = 0.6\n";
     ManualClock clock(HostTime{1'700'000'000'000'000'000});
     const auto made = create_case(folder_ / "case", c, clock);
     ASSERT_TRUE(made) << made.error().line();
