@@ -120,7 +120,7 @@ void MainWindow::make_centre() {
 
 void MainWindow::make_steps() {
   panels_ = new QStackedWidget;
-  panels_->setMinimumWidth(346);
+  panels_->setMinimumWidth(362);
   auto* motion = new MotionPanel(*bench_);
   auto* transform = new TransformPanel(*bench_);
   transform->from_motion = [motion] { return motion->picked_position(); };

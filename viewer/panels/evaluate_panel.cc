@@ -39,7 +39,7 @@ EvaluatePanel::EvaluatePanel(Workbench& bench) : Panel(bench, Step::kEvaluate) {
   column->addWidget(heading("Procedures"));
   table_ = plain_table({"Procedure", "Mean", "± STD", "t mm"}, "procedureTable");
   table_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
-  for (const int c : {1, 2, 3}) table_->setColumnWidth(c, 50);
+  for (const int c : {1, 2, 3}) table_->setColumnWidth(c, c == 1 ? 60 : 50);
   table_->setToolTip("Millimetres, signed distance of the scan to the plan; click: its map");
   connect(table_, &QTableWidget::cellClicked, this, [this](int row, int) { show_procedure(row); });
   column->addWidget(table_, 1);
