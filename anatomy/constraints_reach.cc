@@ -23,8 +23,9 @@ std::vector<Constraint> reachable_from_mi(const JawsInTp& jaws) {
   const Rigid3& therapeutic = jaws.therapeutic;
   const Matrix3& to_arch = arch.arch_from_dental.rotation;
   const Vector3 turn_deg = to_arch * log_so3(therapeutic.rotation) * (180.0 / M_PI);
+  const bool both_known = jaws.joints.left && jaws.joints.right;
   const double slack_mm =
-      (jaws.joints.empty() ? limits.condyle_uncertainty_mm : kKnownCondyleMm) * therapeutic.angle_rad();
+      (both_known ? kKnownCondyleMm : limits.condyle_uncertainty_mm) * therapeutic.angle_rad();
   const auto moved = [&](const Vector3& p) -> Vector3 { return to_arch * (therapeutic * p - p); };
   const Vector3 condyles[2] = {jaws.condyle_left_mm, jaws.condyle_right_mm};
   const Vector3 between_condyles = 0.5 * (condyles[0] + condyles[1]);

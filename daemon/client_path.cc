@@ -38,4 +38,9 @@ ApiResult<fs::path> path_in_case(const CaseRoot& root, const fs::path& case_fold
   return *resolved;
 }
 
+bool may_hold_identity(const fs::path& path) {
+  const std::string name = path.filename().string();
+  return name.empty() || name.front() == '.' || name.find("case.toml") != std::string::npos;
+}
+
 }  // namespace gnathion::daemon

@@ -14,4 +14,7 @@ namespace gnathion::daemon {
 ApiResult<std::filesystem::path> path_in_case(const CaseRoot& root, const std::filesystem::path& case_folder,
                                               const std::string& given, PathUse use);
 
+/// case.toml, what editors and writers leave beside it (case.toml~, .case.toml.swp), and hidden files.
+bool may_hold_identity(const std::filesystem::path& path);
+
 }  // namespace gnathion::daemon

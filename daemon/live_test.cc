@@ -102,9 +102,11 @@ class CasePaths : public ::testing::Test {
     std::string name = (fs::temp_directory_path() / "case_paths_XXXXXX").string();
     base_ = ::mkdtemp(name.data());
     fs::create_directories(base_ / "cases/a/scans");
+    fs::create_directories(base_ / "cases/a/recordings");
+    fs::create_directories(base_ / "cases/a/.jobs/job-2");
     fs::create_directories(base_ / "cases/b");
     for (const char* f : {"cases/a/case.toml", "cases/b/case.toml", "cases/a/scans/u.stl",
-                          "cases/b/secret.stl", "outside.stl"})
+                          "cases/a/there.json", "cases/b/secret.stl", "outside.stl"})
       std::ofstream(base_ / f) << "[case]\nkind = \"patient\"\n";
     fs::create_symlink(base_ / "outside.stl", base_ / "cases/a/link.stl");
     fs::create_directory_symlink(base_, base_ / "cases/a/up");
@@ -161,7 +163,13 @@ TEST_F(CasePaths, JobsAreCheckedBeforeTheyRun) {
   wrong.force = true;
   EXPECT_NE(code(wrong).find("is no name for an output"), std::string::npos);
   wrong = order;
-  wrong.values[3].second = "scans/u.stl";
+  for (const char* kept :
+       {"scans/u.stl", "recordings", "recordings/new.mcap", ".jobs/job-2/x", ".", "case.toml~"}) {
+    wrong.values[3].second = kept;
+    EXPECT_NE(code(wrong).find("is no name for an output"), std::string::npos) << kept << ": " << code(wrong);
+  }
+  wrong = order;
+  wrong.values[3].second = "there.json";
   EXPECT_NE(code(wrong).find("exists; force replaces it"), std::string::npos);
   wrong = order;
   wrong.case_id = "../b";

@@ -11,6 +11,7 @@
 
 #include "core/file.h"
 #include "core/log.h"
+#include "daemon/client_path.h"
 #include "daemon/mark_device.h"
 #include "daemon/recording_place.h"
 #include "daemon/session_devices.h"
@@ -37,6 +38,7 @@ ApiStatus paths_stay_inside(const CaptureSetup& setup, const CaseRoot& root) {
   const auto allowed = [&](const DeviceConfig& config, const std::string& text) {
     if (text.find("://") != std::string::npos) return text.rfind("file:", 0) != 0;
     const fs::path path = fs::path(text).is_absolute() ? fs::path(text) : config.folder / text;
+    if (may_hold_identity(path)) return false;
     std::error_code ec;
     if (!fs::exists(fs::symlink_status(path, ec))) return !fs::path(text).is_absolute();
     return path.string().rfind("/dev/", 0) == 0 ? path.string().find("..") == std::string::npos

@@ -86,7 +86,7 @@ Result<Joints> read_joint_meshes(const fs::path& folder, const Vector3& up, cons
   std::error_code ec;
   if (!fs::is_regular_file(facts, ec)) return joints;
   GNATHION_TRY(const nlohmann::json j, read_json(facts));
-  if (!j.is_object() || j.value("kind", "") != "joints")
+  if (!j.is_object() || j.value("kind", nlohmann::json()) != "joints")
     return bad_input("cannot read joint", facts.string(), "not a file of kind joints");
   if (j.contains("source") && j["source"].is_string()) joints.source = j["source"].get<std::string>();
   if (j.contains("surface_sigma_mm") && j["surface_sigma_mm"].is_number())

@@ -68,6 +68,15 @@ class PlanWriter {
   }
 
  private:
+  /// What a job may not replace: the case itself, its identity, what it was given, what others work in.
+  static bool keeps_the_case(const fs::path& in_case) {
+    if (may_hold_identity(in_case)) return true;
+    for (const fs::path& part : in_case)
+      if (part.string().front() == '.') return true;
+    for (const char* kept : {"scans", "bodies", "recordings"})
+      if (*in_case.begin() == kept) return true;
+    return false;
+  }
   ApiStatus add_input(const JobOption& option, const std::string& value) {
     const auto path = path_in_case(root_, plan_.case_folder, value, PathUse::kExisting);
     if (!path) return tl::unexpected(path.error());
@@ -77,7 +86,7 @@ class PlanWriter {
   ApiStatus add_output(const JobOption& option, const std::string& value) {
     const auto path = path_in_case(root_, plan_.case_folder, value, PathUse::kNew);
     if (!path) return tl::unexpected(path.error());
-    if (path->filename() == "case.toml" || path->filename().string().rfind('.', 0) == 0)
+    if (keeps_the_case(path->lexically_relative(plan_.case_folder)))
       return wrong(*plan_.kind, fmt::format("'{}' is no name for an output: choose another", value));
     std::error_code ec;
     if (fs::exists(*path, ec) && !plan_.force)
