@@ -100,6 +100,17 @@ double depth_beyond_mi(const JawsInTp& jaws, const ToothOverlap& tp) {
   return std::max(0.0, tp.depth_mm - (mi ? mi->depth_mm : 0.0));
 }
 
+/// The tooth of the mandible that is deepest in the maxilla beyond its own depth in MI, where that is more than
+/// is accepted: the deepest place of the whole arch may be another one, which MI excuses.
+const ToothOverlap* worst_tooth_beyond_mi(const JawsInTp& jaws) {
+  const ToothOverlap* worst = nullptr;
+  for (const auto& o : jaws.tooth_overlap_tp)
+    if (depth_beyond_mi(jaws, o) > jaws.limits.overlap_beyond_mi_mm &&
+        (worst == nullptr || depth_beyond_mi(jaws, o) > depth_beyond_mi(jaws, *worst)))
+      worst = &o;
+  return worst;
+}
+
 /// Teeth of both jaws that pass through each other deeper than in MI by more than is accepted.
 std::vector<std::uint8_t> teeth_beyond_mi(const JawsInTp& jaws) {
   std::vector<std::uint8_t> teeth;
@@ -208,8 +219,14 @@ Constraint no_intersection(const JawsInTp& jaws) {
   c.value = maxilla_worse ? tp.maxilla_depth_mm : tp.mandible_depth_mm;
   c.limit += in_mi;
   c.pass = c.value <= c.limit;
+  if (c.value > 0.0) c.where_mm = tp.where_mm;
+  if (const ToothOverlap* tooth = worst_tooth_beyond_mi(jaws); c.pass && tooth != nullptr) {
+    c.value = tooth->depth_mm;
+    c.limit = tooth->depth_mm - depth_beyond_mi(jaws, *tooth) + jaws.limits.overlap_beyond_mi_mm;
+    c.where_mm = tooth->where_mm;
+    c.pass = false;
+  }
   if (c.value > 0.0) {
-    c.where_mm = tp.where_mm;
     c.gradient = gradient_at(c.where_mm, -away_from_maxilla(jaws, c.where_mm));
     c.teeth = teeth_beyond_mi(jaws);
     if (c.teeth.empty()) c.teeth = teeth_at(jaws, c.where_mm);

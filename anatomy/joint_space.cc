@@ -218,6 +218,7 @@ JointPair ready_joints(const Joints& joints, const Vector3& up) {
 
 std::optional<double> joint_variance_mm2(const Joints& joints, const JointSpace& space,
                                          const std::optional<Matrix6>& therapeutic_covariance) {
+  if (joints.mi_assumed) return std::nullopt;
   double variance = 0.0;
   const auto along = [&](const Matrix6& covariance, const Vector3& at) {
     variance += space.normal.dot(point_covariance(covariance, at) * space.normal);

@@ -122,14 +122,16 @@ void RealizabilityChecker::use_recording(const std::vector<Rigid3>& motions) {
   jaws_->envelope.emplace(motions, jaws_->arch, condyle_mm(Side::kLeft), condyle_mm(Side::kRight));
 }
 
-Vector3 RealizabilityChecker::condyle_mm(Side side) const {
-  const ArchFrame& arch = jaws_->arch;
-  const RealizabilityLimits& l = jaws_->limits;
-  const auto& known = side == Side::kLeft ? jaws_->joints.left : jaws_->joints.right;
-  if (known) return known->joint().centre_mm();
+Vector3 mean_condyle_mm(const ArchFrame& arch, Side side, const RealizabilityLimits& l) {
   const double sideways = side == Side::kLeft ? l.condyle_half_distance_mm : -l.condyle_half_distance_mm;
   return arch.incisal_mm - l.condyle_behind_mm * arch.anterior + l.condyle_above_mm * arch.up +
          sideways * arch.left;
+}
+
+Vector3 RealizabilityChecker::condyle_mm(Side side) const {
+  const auto& known = side == Side::kLeft ? jaws_->joints.left : jaws_->joints.right;
+  if (known) return known->joint().centre_mm();
+  return mean_condyle_mm(jaws_->arch, side, jaws_->limits);
 }
 
 Feasibility RealizabilityChecker::check(const Motion<Dental>& therapeutic,

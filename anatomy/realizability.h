@@ -95,6 +95,9 @@ struct Feasibility {
   std::vector<std::string> violated() const;
 };
 
+/// Where condyles are on average, from the incisal point (docs/realizability.md has the source). Dental.
+Vector3 mean_condyle_mm(const ArchFrame& arch, Side side, const RealizabilityLimits& limits = {});
+
 /// Two jaws made ready (orientation, teeth, distance queries, MI's own overlap and contacts), to be asked
 /// about any number of transformations.
 class RealizabilityChecker {

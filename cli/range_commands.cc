@@ -48,15 +48,14 @@ Result<RangeAxis> parse_axis(const std::string& text, int cells) {
 }
 
 /// "yaw=1.5".
-Status parse_held(const std::string& text, JawCoordinates* through) {
+Result<std::pair<JawAxis, double>> parse_held(const std::string& text) {
   const std::size_t equal = text.find('=');
   const auto which = equal == std::string::npos ? std::nullopt : jaw_axis_of(text.substr(0, equal));
   char* end = nullptr;
   const double value = which ? std::strtod(text.c_str() + equal + 1, &end) : 0.0;
   if (!which || *end != '\0' || end == text.c_str() + equal + 1 || !std::isfinite(value))
     return fail(ErrorCode::kUsage, "cannot map", text, "--hold takes AXIS=VALUE");
-  (*through)[*which] = value;
-  return {};
+  return std::pair(*which, value);
 }
 
 }  // namespace
@@ -99,7 +98,10 @@ void add_range_commands(CLI::App& app, ChosenCommand& chosen) {
         GNATHION_TRY(options.x, parse_axis(o->x, o->cells));
         GNATHION_TRY(options.y, parse_axis(o->y, o->cells));
         options.condylar_slope_deg = o->slope_deg;
-        for (const std::string& h : o->hold) GNATHION_CHECK_OK(parse_held(h, &options.through));
+        HeldAxes held;
+        for (const std::string& h : o->hold) {
+          GNATHION_TRY(held.emplace_back(), parse_held(h));
+        }
         std::optional<Motion<Dental>> therapeutic;
         if (!o->transform.empty()) {
           GNATHION_TRY(const MotionFile motion, read_motion(o->transform));
@@ -108,7 +110,7 @@ void add_range_commands(CLI::App& app, ChosenCommand& chosen) {
         GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force, {"range.json"}));
         GNATHION_TRY(const Patient patient, read_patient(o->files, {}, progress));
         GNATHION_TRY(const RangeOutcome outcome,
-                     run_range(patient, options, therapeutic, o->hold.empty(), progress));
+                     run_range(patient, options, therapeutic, held, progress));
         const nlohmann::json j = range_json(outcome);
         GNATHION_CHECK_OK(write_json(staged.path() / "range.json", j));
         GNATHION_CHECK_OK(draw_range(outcome, staged.path() / "range.png"));

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "anatomy/limits.h"
+#include "anatomy/realizability.h"
 #include "anatomy/volume/iso_surface.h"
 #include "occlusion/arch.h"
 #include "occlusion/teeth.h"
@@ -22,19 +22,12 @@ std::vector<bool> crown_mask(const TriangleMesh& arch, const ArchFrame& frame, A
   return mask;
 }
 
-/// Where condyles are on average behind and above the incisors (docs/realizability.md has the source).
-Vector3 expected_condyle(const ArchFrame& frame, Side side) {
-  const RealizabilityLimits mean;
-  const double lateral = (side == Side::kLeft ? 1.0 : -1.0) * mean.condyle_half_distance_mm;
-  return frame.incisal_mm - mean.condyle_behind_mm * frame.anterior + mean.condyle_above_mm * frame.up +
-         lateral * frame.left;
-}
-
 /// How the mandible lay in the scan, by its own crowns.
 struct MandibleInScan {
   Rigid3 cbct_from_mandible;
   Matrix6 covariance = Matrix6::Zero();  ///< of the left perturbation, in Cbct
   bool in_mi = true;
+  bool found = false;  ///< else MI is only assumed
   std::string note;
 };
 
@@ -48,16 +41,20 @@ MandibleInScan find_mandible(const RegisteredVolume& volume, const TriangleMesh&
                            "lower crowns in the volume");
   };
   auto found = look(volume.cbct_from_dental.rigid);
-  if (!found || found->fit.inlier_fraction < 0.45) found = look({});
+  if (!found || found->fit.inlier_fraction < 0.45) {
+    auto anywhere = look({});
+    if (anywhere || !found) found = std::move(anywhere);
+  }
   if (!found) {
     out.note = "the lower teeth are not found in the volume (" + found.error().why +
                "): the scan is taken to be in MI";
     return out;
   }
+  out.found = true;
   const Rigid3 beside_mi = volume.cbct_from_dental.rigid.inverse() * found->fit.target_from_source;
   double most = 0.0, sigma = 0.0;
   for (const Side side : {Side::kLeft, Side::kRight}) {
-    const Vector3 p = expected_condyle(frame, side), q = found->fit.target_from_source * p;
+    const Vector3 p = mean_condyle_mm(frame, side), q = found->fit.target_from_source * p;
     most = std::max(most, (beside_mi * p - p).norm());
     double variance = point_covariance(found->fit.covariance, q).trace();
     if (volume.covariance) variance += point_covariance(*volume.covariance, q).trace();
@@ -78,8 +75,9 @@ MandibleInScan find_mandible(const RegisteredVolume& volume, const TriangleMesh&
 /// Around where a condyle should be, and where this mandible had it. Arches tell it within a centimetre or
 /// so: the head's top is looked for in a wide box, and the box is set about it.
 Result<JointRegion> found_region(const Volume& volume, double level, const ArchFrame& frame, Side side,
-                                 const Rigid3& cbct_from_dental, const Rigid3& cbct_from_mandible) {
-  const Vector3 centre = expected_condyle(frame, side), of_mandible = cbct_from_mandible * centre;
+                                 const Rigid3& cbct_from_dental, const Rigid3& cbct_from_mandible,
+                                 std::vector<std::string>& warnings) {
+  const Vector3 centre = mean_condyle_mm(frame, side), of_mandible = cbct_from_mandible * centre;
   const Box whole = volume.grid.box_mm();
   constexpr double kHeadMm = 8.0;
   for (const Rigid3& pose : {cbct_from_dental, cbct_from_mandible}) {
@@ -94,6 +92,15 @@ Result<JointRegion> found_region(const Volume& volume, double level, const ArchF
   wide.extend((of_mandible + Vector3(22, 26, 24)).cwiseMin(whole.max_mm));
   const Vector3 top =
       condyle_top(volume, level, wide, of_mandible, 18.0).value_or(of_mandible + Vector3(0, 0, 5));
+  // A roof that is cut off leaves the fossa's side walls, and these a distance that is too large.
+  constexpr double kAboveMm = 5.0, kBesideMm = 8.0;
+  const double above = whole.max_mm.z() - top.z();
+  const double beside = std::min((whole.max_mm - top).head<2>().minCoeff(), (top - whole.min_mm).head<2>().minCoeff());
+  if (above < kAboveMm || beside < kBesideMm)
+    warnings.push_back(fmt::format("{} joint: the volume ends {:.1f} mm {} the condyle: the fossa may be cut off, and "
+                                   "the true distance smaller",
+                                   side_name(side), above < kAboveMm ? above : beside,
+                                   above < kAboveMm ? "above" : "beside"));
   JointRegion region;  // as far as the volume goes: a head has room above its joints, a field of view may not
   region.box_mm.extend((top - Vector3(17, 20, 20)).cwiseMax(whole.min_mm));
   region.box_mm.extend((top + Vector3(17, 17, 10)).cwiseMin(whole.max_mm));
@@ -116,7 +123,7 @@ class JointFinder {
       region = *given;
     } else {
       GNATHION_TRY(region, found_region(volume_.file.volume, level_, frame_, side,
-                                        volume_.cbct_from_dental.rigid, mandible_.cbct_from_mandible));
+                                        volume_.cbct_from_dental.rigid, mandible_.cbct_from_mandible, warnings));
     }
     GNATHION_TRY(const JointSurfaces s, surfaces(side, region, warnings));
     Joint joint;
@@ -207,7 +214,9 @@ Result<Joints> joints_in_volume(const RegisteredVolume& registered, const Triang
   joints.source = fmt::format("{}, bone above {:.0f}", registered.file.info.format, finder.level());
   joints.surface_sigma_mm = 0.5 * registered.file.volume.grid.spacing_mm().maxCoeff();
   if (!mandible.note.empty()) joints.warnings.push_back(mandible.note);
-  if (mandible.in_mi) {
+  if (mandible.in_mi && !mandible.found) {
+    joints.mi_assumed = true;
+  } else if (mandible.in_mi) {
     joints.condyle_covariance = joints.fossa_covariance = Matrix6::Zero();
   } else {
     joints.condyle_covariance = brought_back(mandible.covariance, mandible.cbct_from_mandible);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "core/mesh_io.h"
@@ -46,6 +47,36 @@ Result<CbctOptions> cbct_options_of(const PatientFiles& files) {
   return options;
 }
 
+namespace {
+
+/// Joints that cannot be this patient's in MI: another frame, left for right, another bite, normals inside
+/// out. Distances measured on them would be of something else.
+Status plausible_joints(const RealizabilityChecker& checker, const Joints& joints, const fs::path& where) {
+  constexpr double kDeepestInMiMm = 1.0, kWidestInMiMm = 10.0, kOffMm = 30.0;
+  const auto refuse = [&](Side side, const std::string& why) {
+    return bad_input("cannot check joints", where.string(), fmt::format("{} joint: {}", side_name(side), why));
+  };
+  for (const auto& [known, query] : {std::pair(&joints.left, &checker.joints().left),
+                                     std::pair(&joints.right, &checker.joints().right)}) {
+    if (!*known) continue;
+    const Joint& joint = **known;
+    const double off_mm = (joint.centre_mm() - mean_condyle_mm(checker.arch(), joint.side)).norm();
+    if (off_mm > kOffMm)
+      return refuse(joint.side, fmt::format("its condyle is {:.0f} mm from where this arch has it: another "
+                                            "frame, or left for right?",
+                                            off_mm));
+    const double in_mi_mm = (*query)->in_mi().min_mm;
+    if (in_mi_mm < -kDeepestInMiMm || in_mi_mm > kWidestInMiMm)
+      return refuse(joint.side,
+                    fmt::format("in MI its condyle is {:.1f} mm {} its fossa: not MI, not one frame, or "
+                                "normals inside out?",
+                                std::abs(in_mi_mm), in_mi_mm < 0.0 ? "inside" : "from"));
+  }
+  return {};
+}
+
+}  // namespace
+
 Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
                      RealizabilityChecker* checker, std::vector<std::string>* notes, Progress& progress) {
   if (!files.cbct.empty()) {
@@ -53,6 +84,7 @@ Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, con
     GNATHION_TRY(const CbctOptions options, cbct_options_of(files));
     GNATHION_TRY(const Joints joints, joints_from_cbct(files.cbct, maxilla, mandible_mi, options, finding));
     checker->use_joints(joints);
+    GNATHION_CHECK_OK(plausible_joints(*checker, joints, files.cbct));
     notes->insert(notes->end(), joints.warnings.begin(), joints.warnings.end());
     if (!joints.left || !joints.right)
       notes->push_back(fmt::format("only the {} joint is known", joints.left ? "left" : "right"));

@@ -41,15 +41,11 @@ Uncertain<Motion<Dental>> with_covariance(const Motion<Dental>& motion,
 Result<MandibleLandmarks> mandible_landmarks(const TriangleMesh& maxilla, const TriangleMesh& mandible) {
   MandibleLandmarks l;
   GNATHION_TRY(l.arch, find_arch(maxilla, mandible));
-  const RealizabilityLimits bonwill;
   const ArchFrame& a = l.arch;
-  const Vector3 behind =
-      a.incisal_mm - bonwill.condyle_behind_mm * a.anterior + bonwill.condyle_above_mm * a.up;
   l.names = {"incisal point", "left end of the arch", "right end of the arch", "left condyle (estimated)",
              "right condyle (estimated)"};
   l.points_mm = {a.incisal_mm, a.curve_mm.back(), a.curve_mm.front(),
-                 behind + bonwill.condyle_half_distance_mm * a.left,
-                 behind - bonwill.condyle_half_distance_mm * a.left};
+                 mean_condyle_mm(a, Side::kLeft), mean_condyle_mm(a, Side::kRight)};
   l.arch_centroid_mm = surface_centroid_mm(mandible);
   return l;
 }

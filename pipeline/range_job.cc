@@ -133,21 +133,21 @@ void mark(Drawing& d, const PlotArea& area, const Eigen::Vector2d& at, const std
 }  // namespace
 
 Result<RangeOutcome> run_range(const Patient& patient, RangeOptions options,
-                               const std::optional<Motion<Dental>>& therapeutic, bool through_tp,
+                               const std::optional<Motion<Dental>>& therapeutic, const HeldAxes& held,
                                Progress& progress, const std::atomic<bool>* cancel) {
   const RealizabilityChecker& checker = patient.checker;
   RangeOutcome out;
   out.notes = patient.notes;
   out.condyle_middle_mm = 0.5 * (checker.condyle_mm(Side::kLeft) + checker.condyle_mm(Side::kRight));
+  for (const auto& [axis, value] : held) options.through[axis] = value;
   if (therapeutic) {
     out.tp_coordinates = coordinates_of(therapeutic->rigid, checker.arch(), out.condyle_middle_mm);
-    if (through_tp) {
-      options.through = out.tp_coordinates;
-      // The slope lowers what goes forwards; T_th's own lowering stays what it is at T_th.
-      if (options.y.axis != JawAxis::kLowering && options.x.axis != JawAxis::kLowering)
-        options.through[JawAxis::kLowering] -= std::max(0.0, out.tp_coordinates[JawAxis::kProtrusion]) *
-                                               std::tan(options.condylar_slope_deg * M_PI / 180.0);
-    }
+    options.through = out.tp_coordinates;
+    // The slope lowers what goes forwards; T_th's own lowering stays what it is at T_th.
+    if (options.y.axis != JawAxis::kLowering && options.x.axis != JawAxis::kLowering)
+      options.through[JawAxis::kLowering] -= std::max(0.0, out.tp_coordinates[JawAxis::kProtrusion]) *
+                                             std::tan(options.condylar_slope_deg * M_PI / 180.0);
+    for (const auto& [axis, value] : held) options.through[axis] = value;
     out.tp = range_place(options, out.tp_coordinates);
     const Rigid3 on_plane = range_motion(options, checker, out.tp->x(), out.tp->y());
     const Vector6 off = difference(on_plane, therapeutic->rigid);

@@ -21,9 +21,12 @@ struct RangeOutcome {
   std::vector<std::string> notes;
 };
 
-/// The other four coordinates are T_th's where there is one and `through_tp`, else options.through.
+/// Coordinates that are held at a value, instead of T_th's.
+using HeldAxes = std::vector<std::pair<JawAxis, double>>;
+
+/// The other four coordinates are T_th's where there is one, else options.through; but for those in `held`.
 Result<RangeOutcome> run_range(const Patient& patient, RangeOptions options,
-                               const std::optional<Motion<Dental>>& therapeutic, bool through_tp,
+                               const std::optional<Motion<Dental>>& therapeutic, const HeldAxes& held,
                                Progress& progress, const std::atomic<bool>* cancel = nullptr);
 nlohmann::json range_json(const RangeOutcome& outcome);
 std::string range_text(const RangeOutcome& outcome);

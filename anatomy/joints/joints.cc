@@ -76,7 +76,7 @@ bool holds_joint_meshes(const fs::path& folder) {
 
 Result<Joints> read_joint_meshes(const fs::path& folder, const Vector3& up, const Vector3& left) {
   Joints joints;
-  joints.source = "meshes in " + folder.filename().string();
+  joints.source = "meshes";  // a folder may bear a patient's name
   GNATHION_TRY(joints.left, read_side(folder, Side::kLeft, up, left));
   GNATHION_TRY(joints.right, read_side(folder, Side::kRight, up, left));
   if (joints.empty())

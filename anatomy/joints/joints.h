@@ -31,7 +31,7 @@ struct Joint {
 
 struct Joints {
   std::optional<Joint> left, right;
-  std::string source;  ///< in words: "CBCT scan.nrrd, bone above 431 HU", "meshes in joints/"
+  std::string source;  ///< in words: "CBCT scan.nrrd, bone above 431 HU", "meshes"
   /// How far the surfaces themselves may be off (1σ; half a voxel for volumes); nothing: unknown.
   std::optional<double> surface_sigma_mm;
   /// Of the pose of the condyles in MI, against the fossae, and of the fossae's own, independent of it (left
@@ -39,6 +39,8 @@ struct Joints {
   /// one volume shows the jaws in MI. Nothing: unknown.
   std::optional<Matrix6> condyle_covariance;
   std::optional<Matrix6> fossa_covariance;
+  /// Where the mandible was is only assumed (no lower teeth in the volume): distances carry no sigma.
+  bool mi_assumed = false;
   /// Of the mandible from MI to where it was when the volume was taken; identity: in MI.
   Motion<Dental> scanned_from_mi;
   std::vector<std::string> warnings;

@@ -10,8 +10,16 @@ namespace {
 
 constexpr int kBins = 256;
 
-/// Counts between the 0.1 and the 99.9 percentile: metal and corners that the scanner fills do not stretch
-/// it.
+/// What a scanner writes where it has not measured (corners of a round field): one value, often, far below all
+/// others. Returns how many of the sorted values are such.
+std::size_t padding_in(const std::vector<float>& sorted) {
+  constexpr float kFar = 100.0F;
+  const auto next = std::upper_bound(sorted.begin(), sorted.end(), sorted.front());
+  const auto same = static_cast<std::size_t>(next - sorted.begin());
+  return next != sorted.end() && same > sorted.size() / 200 && *next - sorted.front() > kFar ? same : 0;
+}
+
+/// Counts between the 0.1 and the 99.9 percentile, padding left out: metal does not stretch it.
 struct Histogram {
   double low = 0.0, width = 1.0;
   std::vector<double> counts = std::vector<double>(kBins, 0.0);
@@ -24,6 +32,7 @@ Histogram histogram_of(const Volume& volume) {
   values.reserve(count / step + 1);
   for (std::size_t i = 0; i < count; i += step) values.push_back(static_cast<float>(volume.value(i)));
   std::sort(values.begin(), values.end());
+  values.erase(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(padding_in(values)));
   Histogram h;
   const std::size_t cut = values.size() / 1000;
   h.low = static_cast<double>(values[cut]);
