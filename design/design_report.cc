@@ -23,10 +23,24 @@ json mesh_facts(const SplintVerification& v) {
 }
 
 json contact_facts(const SplintVerification& v) {
-  json per_tooth = json::array();
-  for (const ToothArea& tooth : v.contacts.per_tooth)
-    per_tooth.push_back({{"fdi", tooth.fdi}, {"area_mm2", tooth.area_mm2}});
+  json per_tooth = json::array(), patches = json::array();
+  for (std::size_t i = 0; i < v.contacts.per_tooth.size(); ++i) {
+    const ToothArea& tooth = v.contacts.per_tooth[i];
+    json entry = {{"fdi", tooth.fdi}, {"area_mm2", tooth.area_mm2}};
+    if (v.contact_sigma) {
+      entry["gap_sigma_mm"] = v.contact_sigma->per_tooth[i].sigma_mm;
+      entry["gap_sigma_largest_mm"] = v.contact_sigma->per_tooth[i].largest_mm;
+    }
+    per_tooth.push_back(std::move(entry));
+  }
+  for (std::size_t i = 0; i < v.contacts.patches.size(); ++i) {
+    const ContactPatch& patch = v.contacts.patches[i];
+    json entry = {{"fdi", patch.fdi}, {"area_mm2", patch.area_mm2}, {"centre_mm", point(patch.centre_mm)}};
+    if (v.contact_sigma) entry["gap_sigma_mm"] = v.contact_sigma->patches_mm[i];
+    patches.push_back(std::move(entry));
+  }
   return {{"count", v.contacts.patches.size()},
+          {"patches", patches},
           {"area_mm2", v.contacts.area_mm2},
           {"left_area_mm2", v.contacts.left_area_mm2},
           {"right_area_mm2", v.contacts.right_area_mm2},
@@ -134,6 +148,7 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
             {"max", v.contact_surface_error.max_mm}}},
           {"apertures", aperture_facts(v.apertures)},
           {"thin_under_contact_mm2", v.thin_under_contact_mm2},
+          {"retention", retention_json(v.retention)},
           {"insertability", insertability_facts(v)},
           {"imprint", imprint_facts(v)},
           {"bite", bite_json(v.bite)},

@@ -96,6 +96,7 @@ double verify(const SplintInputs& inputs, const FinishedSplint& splint, const Sp
                        [&] {
                          const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
                          verify_insertability(splint, preparation, inputs.support(), fdi, out);
+                         measure_retention(splint, field, inputs.support(), fdi, out.retention);
                          out.bite = read_bite(inputs, preparation.arch, fdi);
                          out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
                          for (Aperture& drawn : drawn_apertures(inputs.edits, preparation.design_from_dental,

@@ -34,6 +34,8 @@ struct SplintInputs {
   /// empty.
   std::vector<Rigid3> excursions = {};
   SplintEdits edits = {};
+  /// Of T_th's left perturbation (rotation, translation), rad and mm, where it is known.
+  std::optional<Matrix6> therapeutic_covariance = {};
 
   bool on_maxilla() const { return arch == Arch::kMaxilla; }
   const TriangleMesh& support() const { return on_maxilla() ? maxilla : mandible_mi; }

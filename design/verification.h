@@ -9,7 +9,9 @@
 #include "core/mesh.h"
 #include "core/mesh_query.h"
 #include "core/transform.h"
+#include "design/contact_sigma.h"
 #include "design/parameters.h"
+#include "design/retention.h"
 #include "occlusion/arch.h"
 #include "occlusion/clinical.h"
 #include "occlusion/contacts.h"
@@ -66,7 +68,9 @@ struct SplintVerification {
     std::size_t samples = 0;
   } contact_surface_error;  ///< of the splint against S_occ in TP less the opposing arch, within the contacts
   std::vector<Aperture> apertures;
-  double retention_area_mm2 = 0.0;  ///< of the cavity's surface below the height of contour
+  std::optional<ContactSigma> contact_sigma;  ///< where T_th's covariance is known
+  double retention_area_mm2 = 0.0;            ///< of the cavity's surface below the height of contour
+  Retention retention;  ///< the arch's undercuts, and what the splint holds of them
   /// The opposing arch on its excursions: how deep it runs into the splint.
   struct Freedom {
     std::size_t poses = 0;  ///< looked at

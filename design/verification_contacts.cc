@@ -71,6 +71,9 @@ void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, c
   const Rigid3 tp = inputs.opposing_motion();
   const MeshQuery splint_dental(transformed(dental, splint.mesh()));
   out.contacts = find_contacts(opposing, fdi, tp, splint_dental, away, preparation.arch, kContactMm);
+  if (inputs.therapeutic_covariance)
+    out.contact_sigma = contact_sigmas(out.contacts, opposing, fdi, inputs.therapeutic.rigid,
+                                       inputs.on_maxilla(), *inputs.therapeutic_covariance);
   out.natural_contact_area_mm2 = natural.area_mm2;
   out.kept_fraction = kept_fraction(natural, preparation.design_from_dental * tp, splint.query);
   measure_contact_surface(splint, preparation, out);

@@ -25,6 +25,11 @@ void verify_topology(const FinishedSplint& splint, SplintVerification& out);
 void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
                   double* side_wall_p01_mm, std::vector<float>* thickness_mm);
 
+/// Undercuts of the arch as given, and what of them the cavity reaches.
+void measure_retention(const FinishedSplint& splint, const SplintField& field,
+                       const TriangleMesh& support_dental, const std::vector<std::uint8_t>& support_fdi,
+                       Retention& out);
+
 /// Gap to the teeth, penetration of both jaws, and what of the cavity holds below the height of contour.
 /// `arch` wears the splint.
 void verify_fit(const FinishedSplint& splint, const Preparation& preparation, Arch arch,

@@ -35,6 +35,13 @@ T take(const char*& at) {
   return value;
 }
 
+void put_triangles(std::string& to, const TriangleMesh& mesh) {
+  for (const Triangle& t : mesh.triangles) {
+    put(to, std::uint8_t{3});
+    for (const std::uint32_t v : t) put(to, static_cast<std::int32_t>(v));
+  }
+}
+
 /// The whole number after the first `key` in the text.
 std::size_t number_after(const std::string& text, const std::string& key) {
   const std::size_t at = text.find(key);
@@ -55,10 +62,24 @@ Status write_splint_ply(const std::filesystem::path& path, const SplintSurface& 
     put(bytes, splint.thickness_mm[v]);
     put(bytes, splint.part[v]);
   }
-  for (const Triangle& t : mesh.triangles) {
-    put(bytes, std::uint8_t{3});
-    for (const std::uint32_t v : t) put(bytes, static_cast<std::int32_t>(v));
+  put_triangles(bytes, mesh);
+  return write_file(path, bytes);
+}
+
+Status write_value_ply(const std::filesystem::path& path, const TriangleMesh& mesh, const std::string& name,
+                       const std::vector<float>& values) {
+  if (values.size() != mesh.vertices_mm.size())
+    return fail(ErrorCode::kInternal, "cannot write mesh", path.string(), "a value per vertex is missing");
+  std::string bytes = fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment Gnathion, mm\nelement vertex {}\n"
+      "property float x\nproperty float y\nproperty float z\nproperty float {}\n"
+      "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+      mesh.vertices_mm.size(), name, mesh.triangles.size());
+  for (std::size_t v = 0; v < values.size(); ++v) {
+    for (int k = 0; k < 3; ++k) put(bytes, static_cast<float>(mesh.vertices_mm[v][k]));
+    put(bytes, values[v]);
   }
+  put_triangles(bytes, mesh);
   return write_file(path, bytes);
 }
 

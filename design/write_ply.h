@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "core/mesh.h"
@@ -20,6 +21,10 @@ struct SplintSurface {
 
 /// Binary PLY: x, y, z, thickness_mm (float) and part (uchar). Whole or not at all; same input, same bytes.
 Status write_splint_ply(const std::filesystem::path& path, const SplintSurface& splint);
+
+/// Binary PLY: x, y, z and one named value (float) per vertex. Whole or not at all.
+Status write_value_ply(const std::filesystem::path& path, const TriangleMesh& mesh, const std::string& name,
+                       const std::vector<float>& values);
 
 /// Reads what write_splint_ply() wrote, and nothing else (kInput).
 Result<SplintSurface> read_splint_ply(const std::filesystem::path& path);

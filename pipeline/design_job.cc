@@ -10,6 +10,8 @@
 #include "pipeline/dental_motion.h"
 #include "pipeline/nested_progress.h"
 #include "pipeline/pictures.h"
+#include "pipeline/profile_pictures.h"
+#include "pipeline/undercut_map.h"
 #include "pipeline/version.h"
 
 namespace gnathion {
@@ -74,6 +76,7 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
   GNATHION_TRY(in.splint.mandible_mi, read_jaw(job.mandible));
   GNATHION_TRY(in.motion, read_motion(job.transform));
   in.splint.therapeutic = in.motion.motion;
+  in.splint.therapeutic_covariance = in.motion.covariance;
   for (const fs::path& path : {job.maxilla, job.mandible, job.transform}) {
     GNATHION_TRY(InputRecord record, record_of(path));
     in.files.push_back(std::move(record));
@@ -127,9 +130,15 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
 
   progress.begin_step("writing and drawing", 0.15);
   GNATHION_CHECK_OK(write_splint(*outcome.design, inputs, folder));
-  outcome.report = std::make_shared<json>(
-      design_json(*outcome.design, inputs.files, kVersion, total.seconds(), peak_rss_mib()));
-  if (job.pictures) GNATHION_CHECK_OK(draw_design(inputs.splint, *outcome.design, folder / "pictures"));
+  const std::vector<SplintProfile> profiles = splint_profiles(inputs.splint, *outcome.design);
+  json told = design_json(*outcome.design, inputs.files, kVersion, total.seconds(), peak_rss_mib());
+  told["profiles"] = profiles_json(profiles);
+  outcome.report = std::make_shared<json>(std::move(told));
+  if (job.pictures) {
+    GNATHION_CHECK_OK(draw_design(inputs.splint, *outcome.design, folder / "pictures"));
+    GNATHION_CHECK_OK(draw_profiles(inputs.splint, profiles, folder));
+    GNATHION_CHECK_OK(draw_undercut_map(inputs.splint, *outcome.design, folder));
+  }
   GNATHION_CHECK_OK(write_json(folder / "design.json", *outcome.report));
   return outcome;
 }
