@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "core/interrupt.h"
 #include "pipeline/phantom_device.h"
 #include "pipeline/version.h"
 
@@ -78,6 +79,7 @@ int run_command_line(int argc, char** argv) {
   app.footer(kFooter);
   ChosenCommand chosen;
   end_with_the_daemon();
+  clean_up_when_interrupted();
   add_phantom_device();
   add_demo_commands(app, chosen);
   add_recording_commands(app, chosen);

@@ -8,6 +8,7 @@
 
 #include "cli/daemon_commands.h"
 #include "core/file.h"
+#include "pipeline/import_case.h"
 
 namespace gnathion {
 namespace {
@@ -77,6 +78,7 @@ Result<CommandOutput> show_health(DaemonClient& daemon) {
     loops.push_back({{"name", loop.name}, {"age_s", loop.age_s}, {"limit_s", loop.limit_s}});
     text += fmt::format("  loop {:<10} {:.2f} s ago (at most {:.0f})\n", loop.name, loop.age_s, loop.limit_s);
   }
+  for (const std::string& fault : health.faults) text += "  fault: " + fault + "\n";
   for (const auto& d : health.devices) text += fmt::format("  {:<15} {} {}\n", d.stream, d.state, d.message);
   return CommandOutput{text,
                        dump_json({{"well", health.well},
@@ -84,7 +86,8 @@ Result<CommandOutput> show_health(DaemonClient& daemon) {
                                   {"memory_mib", health.memory_mib},
                                   {"connections", health.connections},
                                   {"streams", health.streams},
-                                  {"loops", loops}}),
+                                  {"loops", loops},
+                                  {"faults", health.faults}}),
                        !health.well};
 }
 
@@ -157,6 +160,49 @@ CommandOutput output_of(const client::Case& c) {
   return {text, dump_json({{"id", c.id}, {"kind", c.kind}, {"problem", c.problem}, {"files", files}}), false};
 }
 
+struct CasesImport {
+  std::string from;
+  bool incoming = false;
+  std::vector<std::string> roles;
+  client::ImportOptions options;
+};
+
+Result<CommandOutput> import_into_daemon(DaemonClient& daemon, CasesImport& o) {
+  for (const std::string& text : o.roles) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0)
+      return fail(ErrorCode::kUsage, "wrong usage", text,
+                  "a role is given as ROLE=FILE, as maxilla_mi=scan2.stl");
+    o.options.roles[text.substr(0, equals)] = text.substr(equals + 1);
+  }
+  if (o.incoming) {
+    GNATHION_TRY(const client::Case made, daemon.import_incoming(o.from, o.options));
+    return output_of(made);
+  }
+  GNATHION_TRY(const std::vector<ImportSource> sources, import_sources(o.from));
+  std::vector<client::ImportedFile> files;
+  for (const ImportSource& source : sources) files.push_back({source.name, source.path});
+  std::error_code ec;
+  if (!std::filesystem::is_directory(o.from, ec)) o.options.source = files.front().name;
+  GNATHION_TRY(const client::Case made, daemon.import_files(files, o.options));
+  return output_of(made);
+}
+
+void add_cases_import(CLI::App& group, ChosenCommand& chosen) {
+  auto o = std::make_shared<CasesImport>();
+  CLI::App* command =
+      add_daemon_command(group, chosen, "import", "sends files to gnathiond, which makes a case of them",
+                         [o](DaemonClient& d) { return import_into_daemon(d, *o); });
+  command->add_option("FROM", o->from, "folder, .dpw, .atmdl, .dpvision, .mha, .nrrd")->required();
+  command->add_option("CASE", o->options.case_id,
+                      "id of the new case, not the patient's name; else one is made");
+  command->add_flag("--incoming", o->incoming, "FROM lies under CASE_ROOT/incoming/ of gnathiond");
+  command->add_option("--role", o->roles,
+                      "ROLE=FILE (of a workspace: ROLE=LABEL) where names do not tell; repeatable");
+  command->add_flag("--trust-names", o->options.trust_names,
+                    "go on where the shapes do not confirm the names");
+}
+
 void add_cases(CLI::App& app, ChosenCommand& chosen) {
   CLI::App* group = app.add_subcommand("cases", "the cases of gnathiond");
   group->require_subcommand(1);
@@ -171,7 +217,6 @@ void add_cases(CLI::App& app, ChosenCommand& chosen) {
     return CommandOutput{text, dump_json(list), false};
   });
   auto id = std::make_shared<std::string>();
-  auto other = std::make_shared<std::string>();
   add_daemon_command(*group, chosen, "show", "what a case holds",
                      [id](DaemonClient& d) -> Result<CommandOutput> {
                        GNATHION_TRY(const client::Case c, d.open_case(*id));
@@ -185,13 +230,7 @@ void add_cases(CLI::App& app, ChosenCommand& chosen) {
                        return output_of(c);
                      })
       ->add_option("CASE", *id, "its id, not the patient's name; else one is made");
-  CLI::App* import = add_daemon_command(*group, chosen, "import", "make a case of what lies in incoming/",
-                                        [id, other](DaemonClient& d) -> Result<CommandOutput> {
-                                          GNATHION_TRY(const client::Case c, d.import_case(*other, *id));
-                                          return output_of(c);
-                                        });
-  import->add_option("SOURCE", *other, "file or folder under CASE_ROOT/incoming/")->required();
-  import->add_option("CASE", *id, "id of the new case; else one is made");
+  add_cases_import(*group, chosen);
 }
 
 /// Joins the group "audit" where it is there already (`audit verify FILE` needs no daemon).

@@ -35,6 +35,7 @@ Health plain(const v1::HealthResponse& from) {
   to.memory_mib = from.memory_mib();
   to.connections = from.connections();
   to.streams = from.streams();
+  to.faults.assign(from.fault().begin(), from.fault().end());
   for (const v1::Loop& loop : from.loop()) to.loops.push_back({loop.name(), loop.age_s(), loop.limit_s()});
   for (const v1::Device& device : from.device()) to.devices.push_back(plain(device));
   return to;

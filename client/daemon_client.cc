@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdlib>
+#include <fstream>
 
 #include "client/convert.h"
 #include "client/grpc_client.h"
@@ -198,11 +199,39 @@ class GrpcClient : public DaemonClient {
     request.set_case_id(case_id);
     return case_call("cannot open case", &api::Cases::Stub::Open, request);
   }
-  Result<Case> import_case(const std::string& source, const std::string& case_id) override {
-    api::ImportCaseRequest request;
+  Result<Case> import_incoming(const std::string& source, const ImportOptions& options) override {
+    api::ImportCaseRequest request = import_request(options);
     request.set_source(source);
-    request.set_case_id(case_id);
     return case_call("cannot import case", &api::Cases::Stub::Import, request);
+  }
+  Result<Case> import_files(const std::vector<ImportedFile>& files, const ImportOptions& options) override {
+    constexpr const char* what = "cannot import case";
+    grpc::ClientContext context;
+    api::CaseInfo response;
+    const auto writer = cases_->ImportFiles(&context, &response);
+    api::ImportChunk chunk;
+    *chunk.mutable_options() = import_request(options);
+    bool goes = writer->Write(chunk);
+    std::string block(std::size_t{256} << 10, '\0');
+    for (const ImportedFile& file : files) {
+      std::ifstream in(file.from, std::ios::binary);
+      if (!in) {
+        context.TryCancel();
+        (void)writer->Finish();
+        return bad_input(what, file.from.string(), "cannot be read");
+      }
+      chunk.Clear();
+      chunk.set_name(file.name);
+      goes = goes && writer->Write(chunk);
+      while (goes && (in.read(block.data(), static_cast<std::streamsize>(block.size())) || in.gcount() > 0)) {
+        chunk.Clear();
+        chunk.set_data(block.data(), static_cast<std::size_t>(in.gcount()));
+        goes = writer->Write(chunk);
+      }
+    }
+    writer->WritesDone();
+    GNATHION_CHECK_OK(status_of(writer->Finish(), what));
+    return plain(response);
   }
   Result<std::string> read_case_file(const std::string& case_id, const std::string& path) override {
     api::ReadFileRequest request;
@@ -277,6 +306,14 @@ class GrpcClient : public DaemonClient {
     api::CaseInfo response;
     GNATHION_CHECK_OK(call(what, cases_.get(), method, request, &response));
     return plain(response);
+  }
+  static api::ImportCaseRequest import_request(const ImportOptions& options) {
+    api::ImportCaseRequest request;
+    request.set_case_id(options.case_id);
+    request.set_source(options.source);
+    request.mutable_role()->insert(options.roles.begin(), options.roles.end());
+    request.set_trust_names(options.trust_names);
+    return request;
   }
   static api::JobRequest job_request(const std::string& id) {
     api::JobRequest request;

@@ -11,6 +11,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
@@ -141,6 +142,16 @@ struct Case {
   std::string id, kind, problem;
   std::vector<CaseFile> files;
 };
+struct ImportOptions {
+  std::string case_id;  ///< of the new case; empty: one is made
+  std::string source;   ///< of import_files: which of the files is imported; empty: the folder of all
+  std::map<std::string, std::string> roles;  ///< {"maxilla_mi", "scan2.stl"} where names do not tell
+  bool trust_names = false;
+};
+struct ImportedFile {
+  std::string name;  ///< a plain name, no path
+  std::filesystem::path from;
+};
 struct AuditLine {
   std::uint64_t number = 0;
   std::string time;  ///< UTC
@@ -157,6 +168,7 @@ struct Health {
   };
   std::vector<Loop> loops;
   std::vector<DeviceInfo> devices;
+  std::vector<std::string> faults;  ///< what else is wrong, as lines missing from the audit trail
 };
 
 /// A running stream of updates. Destroying it ends it.
@@ -210,7 +222,10 @@ class DaemonClient {
   virtual Result<Case> create_case(const std::string& case_id, const std::string& kind = "patient") = 0;
   virtual Result<std::vector<Case>> cases() = 0;
   virtual Result<Case> open_case(const std::string& case_id) = 0;
-  virtual Result<Case> import_case(const std::string& source, const std::string& case_id = {}) = 0;
+  /// Of what lies under the daemon's CASE_ROOT/incoming/.
+  virtual Result<Case> import_incoming(const std::string& source, const ImportOptions& options) = 0;
+  /// Of files of this machine, which go through the connection. `files`: which, and under what name each.
+  virtual Result<Case> import_files(const std::vector<ImportedFile>& files, const ImportOptions& options) = 0;
   virtual Result<std::string> read_case_file(const std::string& case_id, const std::string& path) = 0;
   virtual Result<std::vector<AuditLine>> audit(const std::string& case_id, unsigned limit) = 0;
   virtual Result<std::string> verify_audit() = 0;  ///< empty: sound; else the fault

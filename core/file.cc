@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "core/check.h"
+#include "core/interrupt.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -66,6 +67,7 @@ Result<std::string> read_file(const fs::path& path) {
 
 Status write_file(const fs::path& path, std::string_view bytes) {
   const fs::path temporary = beside(path, "part");
+  const GoesWhenInterrupted while_writing(temporary);
   const Status written = write_and_sync(temporary, bytes);
   std::error_code ec;
   if (!written) {
@@ -134,6 +136,7 @@ Result<StagedDirectory> StagedDirectory::create(const fs::path& target_given, bo
   fs::remove_all(staging, ec);
   if (!fs::create_directory(staging, ec))
     return fail(ErrorCode::kInternal, "cannot create", target.string(), ec.message());
+  goes_when_interrupted(staging);
   return StagedDirectory(staging, target);
 }
 
@@ -144,7 +147,9 @@ StagedDirectory::StagedDirectory(StagedDirectory&& other) noexcept
 
 StagedDirectory::~StagedDirectory() {
   std::error_code ec;
-  if (!staging_.empty()) fs::remove_all(staging_, ec);
+  if (staging_.empty()) return;
+  fs::remove_all(staging_, ec);
+  stays_when_interrupted(staging_);
 }
 
 Status StagedDirectory::commit() {
@@ -158,6 +163,7 @@ Status StagedDirectory::commit() {
     if (replaces && !fs::exists(target_, ec)) fs::rename(old, target_, ec);
     return fail(ErrorCode::kInternal, "cannot write", target_.string(), why);
   }
+  stays_when_interrupted(staging_);
   staging_.clear();
   if (replaces) fs::remove_all(old, ec);
   return {};

@@ -1,5 +1,7 @@
 #include "daemon/audit_log.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <deque>
 #include <fstream>
@@ -21,7 +23,11 @@ void AuditLog::note(const std::string& who, const std::string& what, const std::
   const HostTime now = clock_.now();
   const auto head = trail_.append({who, what, case_id, details}, now);
   if (!head) {
-    log(LogLevel::kError, "audit: " + head.error().line());
+    log(LogLevel::kError,
+        fmt::format("audit: {} by {} is not in the trail: {}", what, who, head.error().line()));
+    std::lock_guard lock(mutex_);
+    ++lost_;
+    why_ = head.error().line();
     return;
   }
   std::lock_guard lock(mutex_);
@@ -30,6 +36,13 @@ void AuditLog::note(const std::string& who, const std::string& what, const std::
   told_ = now;
   if (const Status kept = catalogue_.set_audit_head(kTrail, *untold_); !kept)
     log(LogLevel::kError, "audit: " + kept.error().line());
+}
+
+std::string AuditLog::fault() const {
+  std::lock_guard lock(mutex_);
+  return lost_ == 0 ? ""
+                    : fmt::format("audit trail: {} lines could not be written since the start; the last: {}",
+                                  lost_, why_);
 }
 
 AuditLog::~AuditLog() {

@@ -15,8 +15,8 @@
 
 namespace gnathion::daemon {
 
-/// Thread-safe. A line that cannot be written is told in the log; the work goes on: a recording must be
-/// stoppable on a full disk.
+/// Thread-safe. A line that cannot be written is told in the log and by fault(); the work goes on: a
+/// recording must be stoppable on a full disk.
 class AuditLog {
  public:
   AuditLog(AuditTrail trail, Catalogue& catalogue, Clock& clock)
@@ -24,12 +24,16 @@ class AuditLog {
   ~AuditLog();
   void note(const std::string& who, const std::string& what, const std::string& case_id = {},
             const std::string& details = {});
+  /// Lines that are missing from the trail since the daemon's start, with the last reason; empty: none.
+  std::string fault() const;
 
  private:
   AuditTrail trail_;
   Catalogue& catalogue_;
   Clock& clock_;
-  std::mutex mutex_;  ///< of what follows
+  mutable std::mutex mutex_;  ///< of what follows
+  std::uint64_t lost_ = 0;
+  std::string why_;
   std::optional<AuditHead> untold_;
   HostTime told_;
 };

@@ -101,6 +101,7 @@ Status read_limits_section(Section& s, Limits& l) {
   s.whole("calls", 1, 1000, l.calls);
   s.whole("jobs_queued", 1, 10000, l.jobs_queued);
   s.whole("message_kib", 64, 65536, l.message_kib);
+  s.whole("import_mib", 1, 1 << 20, l.import_mib);
   return s.finish();
 }
 
@@ -176,11 +177,23 @@ std::vector<std::string> needs_restart(const DaemonConfig& running, const Daemon
   differ(running.state != wanted.state, "state");
   differ(running.socket != wanted.socket, "socket");
   differ(running.group != wanted.group, "group");
+  differ(running.program != wanted.program, "program");
   differ(running.jobs_parallel != wanted.jobs_parallel, "parallel");
-  differ(running.limits.message_kib != wanted.limits.message_kib, "message_kib");
-  differ(running.igtl.enabled != wanted.igtl.enabled || running.igtl.address != wanted.igtl.address ||
-             running.igtl.port != wanted.igtl.port,
-         "openigtlink");
+  differ(running.jobs_nice != wanted.jobs_nice, "nice");
+  const Limits &now = running.limits, &then = wanted.limits;
+  differ(now.connections != then.connections, "connections");
+  differ(now.streams != then.streams, "streams");
+  differ(now.calls != then.calls, "calls");
+  differ(now.jobs_queued != then.jobs_queued, "jobs_queued");
+  differ(now.message_kib != then.message_kib, "message_kib");
+  differ(now.import_mib != then.import_mib, "import_mib");
+  const IgtlOptions &was = running.igtl, &is = wanted.igtl;
+  differ(was.enabled != is.enabled, "enabled");
+  differ(was.address != is.address, "address");
+  differ(was.port != is.port, "port");
+  differ(was.clients != is.clients, "clients");
+  differ(was.image_rate_hz != is.image_rate_hz, "image_rate_hz");
+  differ(was.image_width_px != is.image_width_px, "image_width_px");
   return lines;
 }
 

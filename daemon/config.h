@@ -13,6 +13,7 @@ struct Limits {
   int connections = 64, streams = 64, calls = 64;  ///< calls that run at one time, streams apart
   int jobs_queued = 64;
   int message_kib = 4096;  ///< of a request
+  int import_mib = 4096;   ///< of the files that a client sends for one case
 };
 
 struct IgtlOptions {

@@ -7,6 +7,7 @@
 
 #include "acquisition/recording.h"
 #include "core/file.h"
+#include "core/log.h"
 #include "daemon/session_control.h"
 #include "pipeline/case_edit.h"
 #include "pipeline/case_file.h"
@@ -20,6 +21,10 @@ namespace fs = std::filesystem;
 
 fs::path note_file(const DaemonConfig& config) {
   return config.state / "running_recording.json";
+}
+
+fs::path waiting_file(const DaemonConfig& config) {
+  return config.state / "waiting_recordings.json";
 }
 
 bool is_recording_name(const std::string& name) {
@@ -41,12 +46,17 @@ std::string next_name(const fs::path& folder) {
 
 /// For a line of the log: what became of entering a recording that a crash had cut off. `shown` begins with
 /// the case's folder.
-std::string entered(const CaseRoot& root, const std::string& shown) {
+std::string entered(const DaemonConfig& config, const CaseRoot& root, const std::string& shown) {
   const std::size_t slash = shown.find('/');
   if (slash == std::string::npos) return {};
-  const auto done = enter_recording(root, shown.substr(0, slash), shown.substr(slash + 1));
+  const std::string case_id = shown.substr(0, slash), inside = shown.substr(slash + 1);
+  const auto done = enter_recording(root, case_id, inside);
+  auto waiting = waiting_recordings(config);
+  waiting.erase(case_id);  // an older one
+  if (done && !*done) waiting[case_id] = inside;
+  note_waiting_recordings(config, waiting);
   if (!done) return "; " + done.error().line();
-  return *done ? "" : "; not in case.toml yet, since something works in the case";
+  return *done ? "" : "; case.toml will name it when what works in the case has ended";
 }
 
 }  // namespace
@@ -101,6 +111,26 @@ void forget_running_recording(const DaemonConfig& config) {
   fs::remove(note_file(config), ec);
 }
 
+void note_waiting_recordings(const DaemonConfig& config, const std::map<std::string, std::string>& by_case) {
+  std::error_code ec;
+  if (by_case.empty()) {
+    fs::remove(waiting_file(config), ec);
+  } else if (const Status written = write_file(waiting_file(config), nlohmann::json(by_case).dump() + "\n");
+             !written) {
+    log(LogLevel::kError, written.error().line());
+  }
+}
+
+std::map<std::string, std::string> waiting_recordings(const DaemonConfig& config) {
+  std::map<std::string, std::string> by_case;
+  const auto text = read_file(waiting_file(config));
+  const auto note = text ? nlohmann::json::parse(*text, nullptr, false) : nlohmann::json();
+  if (!note.is_object()) return by_case;
+  for (const auto& [case_id, file] : note.items())
+    if (file.is_string()) by_case[case_id] = file.get<std::string>();
+  return by_case;
+}
+
 std::vector<std::string> recover_after_crash(const DaemonConfig& config, const CaseRoot& root) {
   std::error_code ec;
   const auto text = read_file(note_file(config));
@@ -119,8 +149,10 @@ std::vector<std::string> recover_after_crash(const DaemonConfig& config, const C
   }
   const auto found = summarise_recording(*file);
   if (found && found->whole) {
+    const std::string line =
+        shown + " was complete when the daemon was killed" + entered(config, root, shown);
     forget_running_recording(config);
-    return {shown + " was complete when the daemon was killed" + entered(root, shown)};
+    return {line};
   }
   const fs::path whole = file->string() + ".recovered";
   fs::remove(whole, ec);
@@ -133,9 +165,11 @@ std::vector<std::string> recover_after_crash(const DaemonConfig& config, const C
   }
   fs::rename(whole, *file, ec);
   if (ec) return {fmt::format("{} cannot be replaced by what was recovered: {}", shown, ec.message())};
+  const std::string line =
+      fmt::format("{} was cut off and has been recovered; {} samples are known to be missing{}", shown, *lost,
+                  entered(config, root, shown));
   forget_running_recording(config);
-  return {fmt::format("{} was cut off and has been recovered; {} samples are known to be missing{}", shown,
-                      *lost, entered(root, shown))};
+  return {line};
 }
 
 }  // namespace gnathion::daemon

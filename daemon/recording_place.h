@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 
 #include "daemon/api_error.h"
@@ -29,5 +30,11 @@ Result<bool> enter_recording(const CaseRoot& root, const std::string& case_id,
 Status note_running_recording(const DaemonConfig& config, const CaseRoot& root,
                               const std::filesystem::path& file);
 void forget_running_recording(const DaemonConfig& config);
+
+/// Recordings, by case, that are whole but not yet in case.toml, since something works in the case: a note in
+/// the state folder, so that neither a crash nor a restart loses them. A note that cannot be written is told
+/// in the log.
+void note_waiting_recordings(const DaemonConfig& config, const std::map<std::string, std::string>& by_case);
+std::map<std::string, std::string> waiting_recordings(const DaemonConfig& config);
 
 }  // namespace gnathion::daemon

@@ -5,6 +5,7 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/impl/codegen/service_type.h>
 #include <grpcpp/server_posix.h>
+#include <grpcpp/support/server_interceptor.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -43,17 +44,11 @@ Result<CaseRoot> open_case_root(const fs::path& root) {
   return CaseRoot::open(root);
 }
 
-/// A damaged catalogue is made anew: it holds nothing that the folders do not.
+/// Made anew from the folders at each start: what was changed in them meanwhile is in it.
 Result<Catalogue> open_catalogue(const DaemonConfig& config, const CaseRoot& root) {
-  const fs::path file = config.catalogue_file();
-  std::error_code ec;
-  if (fs::exists(file, ec)) {
-    auto opened = Catalogue::open(file);
-    if (opened) return opened;
-    log(LogLevel::kWarning, opened.error().line() + "; it is made anew");
-  }
-  GNATHION_CHECK_OK(Catalogue::rebuild(file, root.path(), CaseTrust::kConfined));
-  return Catalogue::open(file);
+  const auto rebuilt = Catalogue::rebuild(config.catalogue_file(), root.path(), CaseTrust::kConfined);
+  if (!rebuilt) return tl::unexpected<Error>(rebuilt.error());
+  return Catalogue::open(config.catalogue_file());
 }
 
 fs::path program_of(const DaemonConfig& config) {
@@ -61,6 +56,36 @@ fs::path program_of(const DaemonConfig& config) {
   std::error_code ec;
   return fs::read_symlink("/proc/self/exe", ec).parent_path() / "gnathion";
 }
+
+/// Streams of gRPC's own services (reflection, health) keep a thread or memory like those of ours, and come
+/// out of the same number: beyond it a call is cancelled before it begins.
+class StreamBound : public grpc::experimental::ServerInterceptorFactoryInterface {
+ public:
+  explicit StreamBound(Slots& streams) : streams_(streams) {}
+  grpc::experimental::Interceptor* CreateServerInterceptor(grpc::experimental::ServerRpcInfo* info) override {
+    const std::string method = info->method();
+    const bool counted =
+        method.rfind("/grpc.", 0) == 0 && info->type() != grpc::experimental::ServerRpcInfo::Type::UNARY;
+    return counted ? new Bound(streams_, *info) : nullptr;
+  }
+
+ private:
+  class Bound : public grpc::experimental::Interceptor {
+   public:
+    Bound(Slots& streams, grpc::experimental::ServerRpcInfo& info) : slot_(streams.take()), info_(info) {}
+    void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
+      using Point = grpc::experimental::InterceptionHookPoints;
+      if (!slot_ && methods->QueryInterceptionHookPoint(Point::POST_RECV_INITIAL_METADATA))
+        info_.server_context()->TryCancel();
+      methods->Proceed();
+    }
+
+   private:
+    const ApiResult<Slots::Slot> slot_;
+    grpc::experimental::ServerRpcInfo& info_;
+  };
+  Slots& streams_;
+};
 
 }  // namespace
 
@@ -72,18 +97,25 @@ struct Daemon::State {
         catalogue(std::move(cat)),
         audit(std::move(trail), catalogue, clock),
         heartbeats(clock),
-        session(config, root, channels, heartbeats, clock),
-        jobs({program_of(config), config.jobs_parallel, config.limits.jobs_queued, config.jobs_nice}, root,
-             clock),
-        context{session, jobs, root, channels, catalogue, audit, heartbeats, clock} {
+        session(config, root, channels, heartbeats, clock, [this](const std::string& id) { refresh(id); }),
+        jobs({program_of(config), config.jobs_parallel, config.limits.jobs_queued, config.jobs_nice,
+              [this](const std::string& id) { refresh(id); }},
+             root, clock),
+        importer({program_of(config), config.state / "imports",
+                  static_cast<std::uint64_t>(config.limits.import_mib) << 20, config.jobs_nice},
+                 root, clock),
+        context{session, jobs, importer, root, channels, catalogue, audit, heartbeats, clock} {
     context.audit_file = config.audit_file();
     context.started = clock.now();
-    apply_limits(config);
+    context.streams.set_limit(config.limits.streams);
+    apply(config);
   }
-  void apply_limits(const DaemonConfig& c) {
-    context.streams.set_limit(c.limits.streams);
-    context.holder_grace_s = c.holder_grace_s;
+  /// The catalogue knows what jobs and recordings have made of a case.
+  void refresh(const std::string& case_id) {
+    if (const Status done = catalogue.refresh(case_id, root.path(), CaseTrust::kConfined); !done)
+      log(LogLevel::kWarning, "catalogue: " + done.error().line());
   }
+  void apply(const DaemonConfig& c) { context.holder_grace_s = c.holder_grace_s; }
   Status serve();
   Status listen_for_igtl();
   void end();
@@ -98,10 +130,12 @@ struct Daemon::State {
   LiveChannels channels;
   SessionControl session;
   JobRunner jobs;
+  CaseImporter importer;
   ServiceContext context;
   std::vector<std::unique_ptr<grpc::Service>> services;
   std::unique_ptr<grpc::Server> server;
   std::unique_ptr<PeerSocket> socket;
+  SplintOfCase splint{root, clock};  ///< of the OpenIGTLink server's thread
   std::unique_ptr<IgtlServer> igtl;
 };
 
@@ -128,6 +162,9 @@ Status Daemon::State::serve() {
   builder.SetSyncServerOption(grpc::ServerBuilder::SyncServerOption::NUM_CQS, 2);
   builder.SetSyncServerOption(grpc::ServerBuilder::SyncServerOption::MIN_POLLERS, 1);
   builder.SetSyncServerOption(grpc::ServerBuilder::SyncServerOption::MAX_POLLERS, 4);
+  std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> bounds;
+  bounds.push_back(std::make_unique<StreamBound>(context.streams));
+  builder.experimental().SetInterceptorCreators(std::move(bounds));
   server = builder.BuildAndStart();
   if (!server) return fail(ErrorCode::kInternal, kWhat, "gRPC", "the server could not be made");
   auto opened = PeerSocket::open(
@@ -147,7 +184,7 @@ Status Daemon::State::listen_for_igtl() {
   options.clients = config.igtl.clients;
   options.image_rate_hz = config.igtl.image_rate_hz;
   options.image_width_px = config.igtl.image_width_px;
-  options.splint = [this] { return newest_splint(root, session.view().case_id); };
+  options.splint = [this] { return splint.newest(session.view().case_id); };
   auto opened = IgtlServer::open(options, channels, heartbeats, clock);
   if (!opened) return tl::unexpected<Error>(opened.error());
   igtl = std::move(*opened);
@@ -163,6 +200,7 @@ void Daemon::State::end() {
   context.going_down = true;
   session.terminate();  // a recording is finished first of all
   jobs.stop();
+  session.enter_recordings();  // what waited for a job's end
   igtl.reset();
   channels.close();
   if (server) {
@@ -217,7 +255,7 @@ bool Daemon::well(std::string* why) const {
 std::vector<std::string> Daemon::reload(const DaemonConfig& config) {
   std::vector<std::string> waiting = needs_restart(state_->config, config);
   set_log_level(config.log_level);
-  state_->apply_limits(config);
+  state_->apply(config);
   state_->session.reload(config);
   state_->audit.note(kSelf, "daemon.reload");
   return waiting;

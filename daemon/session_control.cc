@@ -1,22 +1,11 @@
 #include "daemon/session_control.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <atomic>
-#include <condition_variable>
-#include <map>
-#include <mutex>
-#include <thread>
 
-#include "core/file.h"
 #include "core/log.h"
-#include "daemon/client_path.h"
-#include "daemon/mark_device.h"
 #include "daemon/recording_place.h"
-#include "daemon/session_devices.h"
+#include "daemon/session_control_impl.h"
 #include "pipeline/case_file.h"
-#include "pipeline/version.h"
 
 namespace gnathion::daemon {
 
@@ -24,88 +13,8 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kLoop = "session";
-constexpr std::int64_t kOldestMark_ns = 60'000'000'000;
-constexpr std::size_t kMarkBacklog = 256;
-
-bool is_mark_kind(const std::string& kind) {
-  return !kind.empty() && kind.size() <= 32 && std::all_of(kind.begin(), kind.end(), [](unsigned char c) {
-    return std::isalnum(c) || c == '_' || c == '-';
-  });
-}
-
-/// A client may name devices (/dev), addresses, and files of the case root; no other file of the machine.
-ApiStatus paths_stay_inside(const CaptureSetup& setup, const CaseRoot& root) {
-  const auto allowed = [&](const DeviceConfig& config, const std::string& text) {
-    if (text.find("://") != std::string::npos) return text.rfind("file:", 0) != 0;
-    const fs::path path = fs::path(text).is_absolute() ? fs::path(text) : config.folder / text;
-    if (may_hold_identity(path)) return false;
-    std::error_code ec;
-    if (!fs::exists(fs::symlink_status(path, ec))) return !fs::path(text).is_absolute();
-    return path.string().rfind("/dev/", 0) == 0 ? path.string().find("..") == std::string::npos
-                                                : root.resolve(path.string()).has_value();
-  };
-  for (const DeviceConfig& config : setup.configs)
-    for (const auto& [key, value] : config.settings) {
-      std::vector<std::string> texts;
-      if (const auto* text = std::get_if<std::string>(&value)) texts = {*text};
-      if (const auto* list = std::get_if<std::vector<std::string>>(&value)) texts = *list;
-      for (const std::string& text : texts)
-        if (!allowed(config, text))
-          return refuse(
-              ApiCode::kPermissionDenied,
-              fmt::format("{}: '{}' names '{}': files must lie in the case root", config.stream, key, text));
-    }
-  return {};
-}
-
-tl::unexpected<ApiError> refused(Event event, const Transition& t) {
-  return refuse(ApiCode::kFailedPrecondition, fmt::format("cannot {}: {}", name_of(event), t.refusal));
-}
 
 }  // namespace
-
-struct SessionControl::Impl {
-  Impl(const DaemonConfig& c, const CaseRoot& r, LiveChannels& l, Heartbeats& h, Clock& k)
-      : config(c), root(r), channels(l), heartbeats(h), clock(k) {}
-
-  ApiResult<Transition> take(Event event, std::unique_lock<std::mutex>& lock);
-  void leave_busy(std::unique_lock<std::mutex>& lock);
-  ApiResult<std::shared_ptr<SessionDevices>> open_devices(const std::string& case_id, std::string* warning);
-  ApiStatus begin_recording(const std::string& name, std::unique_lock<std::mutex>& lock);
-  void end_recording(std::unique_lock<std::mutex>& lock);
-  void close_devices(std::unique_lock<std::mutex>& lock);
-  void put_mark(const EventSample& event);
-  void enter_waiting(std::unique_lock<std::mutex>& lock);
-  void supervise();
-  void apply_waiting_config();
-  SessionView view_now() const;
-  void tell();
-
-  DaemonConfig config;  ///< under mutex
-  const CaseRoot& root;
-  LiveChannels& channels;
-  Heartbeats& heartbeats;
-  Clock& clock;
-  Hub<SessionView> changes;
-  std::thread supervisor;
-
-  std::mutex entering;       ///< held, without the other, while case.toml is edited
-  mutable std::mutex mutex;  ///< of what follows
-  std::condition_variable settled;
-  State state = State::kIdle;
-  bool busy = false;  ///< devices or file are being opened or closed: commands wait
-  bool terminating = false, stop_supervisor = false;
-  std::optional<DaemonConfig> waiting_config;
-  std::string case_id, recording, message;
-  std::vector<std::string> missing;
-  std::shared_ptr<SessionDevices> devices;
-  CaptureSetup setup;  ///< as armed
-  std::shared_ptr<Session> session;
-  std::shared_ptr<MarkDevice::Queue> marks;
-  std::uint32_t mark_count = 0;
-  SessionStatus last_status;
-  std::map<std::string, std::string> not_entered;  ///< by case: its newest recording, not yet in case.toml
-};
 
 /// Waits until no other command is at work, and asks the table.
 ApiResult<Transition> SessionControl::Impl::take(Event event, std::unique_lock<std::mutex>& lock) {
@@ -189,153 +98,6 @@ ApiResult<SessionView> SessionControl::arm(const std::string& case_id) {
   return s.view_now();
 }
 
-/// With the lock, which is given back while the file is made.
-ApiStatus SessionControl::Impl::begin_recording(const std::string& name, std::unique_lock<std::mutex>& lock) {
-  SessionOptions options;
-  options.queue_bytes = static_cast<std::size_t>(config.queue_mib) << 20;
-  options.rigs = setup.rigs;
-  options.attachments = setup.attachments;
-  options.software_version = kVersion;
-  const auto open_devices = devices;
-  lock.unlock();
-  const auto place = place_for_recording(root, case_id, name);
-  if (!place) {
-    lock.lock();
-    return tl::unexpected(place.error());
-  }
-  auto queue = std::make_shared<MarkDevice::Queue>(kMarkBacklog);
-  const auto crash_note = note_running_recording(config, root, place->file);
-  Result<std::unique_ptr<Session>> started =
-      fail(ErrorCode::kInternal, "cannot record", place->file.string(), "not begun");
-  if (crash_note) {
-    auto feeds = open_devices->feeds();
-    feeds.push_back(std::make_unique<MarkDevice>(queue));
-    started = Session::start(place->file, std::move(feeds), std::move(options), clock);
-  }
-  lock.lock();
-  if (!crash_note) return refuse(crash_note.error());
-  if (!started) {
-    forget_running_recording(config);
-    return refuse(started.error());
-  }
-  session = std::move(*started);
-  marks = std::move(queue);
-  mark_count = 0;
-  recording = place->inside_case;
-  message.clear();
-  last_status = session->status();
-  return {};
-}
-
-ApiResult<SessionView> SessionControl::start(const std::string& name) {
-  Impl& s = *impl_;
-  std::unique_lock lock(s.mutex);
-  const auto t = s.take(Event::kStart, lock);
-  if (!t) return tl::unexpected(t.error());
-  s.busy = true;
-  const ApiStatus begun = s.begin_recording(name, lock);
-  if (begun) s.state = t->next;
-  s.leave_busy(lock);
-  if (!begun) return tl::unexpected(begun.error());
-  return s.view_now();
-}
-
-void SessionControl::Impl::put_mark(const EventSample& event) {
-  Sample sample = event;
-  if (!marks || !marks->try_push(sample)) return;
-  channels.events.publish(std::make_shared<const EventSample>(event));
-}
-
-ApiResult<MarkPlace> SessionControl::mark(const MarkRequest& request) {
-  if (!is_mark_kind(request.kind))
-    return refuse(ApiCode::kInvalidArgument,
-                  "a mark's kind is 1 to 32 letters, digits, '_' or '-', as in MI, TP, note");
-  if (request.text.size() > 1000)
-    return refuse(ApiCode::kInvalidArgument, "a mark's text has at most 1000 bytes: shorten it");
-  Impl& s = *impl_;
-  std::unique_lock lock(s.mutex);
-  const auto t = s.take(Event::kMark, lock);
-  if (!t) return tl::unexpected(t.error());
-  const HostTime now = s.clock.now();
-  const HostTime at = request.capture.ns == 0 ? now : request.capture;
-  if (at > now || now.ns - at.ns > kOldestMark_ns)
-    return refuse(ApiCode::kInvalidArgument,
-                  "a mark lies at most 60 s back and never ahead: set its time anew");
-  if (s.marks->size() + 2 > kMarkBacklog)
-    return refuse(ApiCode::kResourceExhausted, "marks come faster than the disk takes them: try again");
-  EventSample event{{MarkDevice::kStream, s.mark_count, at, now, {}}, request.kind, true, request.text};
-  const MarkPlace place{at, s.mark_count};
-  using Edge = MarkRequest::Edge;
-  if (request.edge != Edge::kRelease) {
-    s.put_mark(event);
-    event.header.sequence = ++s.mark_count;
-    if (request.kind == "MI") s.devices->mi_begins(fmt::format("mark {}", place.sequence));
-  }
-  if (request.edge != Edge::kPress) {
-    event.pressed = false;
-    s.put_mark(event);
-    ++s.mark_count;
-  }
-  s.tell();
-  return place;
-}
-
-/// With the lock, which is given back while the file is closed; the state is "stopping" meanwhile.
-void SessionControl::Impl::end_recording(std::unique_lock<std::mutex>& lock) {
-  const auto ending = session;
-  const auto open_devices = devices;
-  tell();
-  lock.unlock();
-  const Status finished = ending->finish();
-  if (!finished) open_devices->recording_failed();
-  lock.lock();
-  last_status = ending->status();
-  if (!finished) {
-    message = "the recording ended early: " + finished.error().line();
-    log(LogLevel::kError, message);
-  }
-  if (finished) not_entered[case_id] = recording;
-  forget_running_recording(config);
-  session.reset();
-  marks.reset();
-  enter_waiting(lock);
-  state = transition(state, Event::kFileClosed).next;
-}
-
-/// What could not be entered since something works in the case waits for the next time; with the lock, which
-/// is given back meanwhile.
-void SessionControl::Impl::enter_waiting(std::unique_lock<std::mutex>& lock) {
-  lock.unlock();
-  std::lock_guard in_order(entering);  // never an older recording after a newer one
-  lock.lock();
-  const auto waiting = not_entered;
-  lock.unlock();
-  std::vector<std::string> done, faults;
-  for (const auto& [id, file] : waiting) {
-    const auto entered = enter_recording(root, id, file);
-    if (entered && !*entered) continue;
-    done.push_back(id);
-    if (!entered) faults.push_back(entered.error().line());
-  }
-  for (const std::string& line : faults) log(LogLevel::kWarning, line);
-  lock.lock();
-  for (const std::string& id : done)
-    if (not_entered[id] == waiting.at(id)) not_entered.erase(id);
-  if (!faults.empty() && message.empty()) message = faults.back();
-}
-
-ApiResult<SessionView> SessionControl::stop() {
-  Impl& s = *impl_;
-  std::unique_lock lock(s.mutex);
-  const auto t = s.take(Event::kStop, lock);
-  if (!t) return tl::unexpected(t.error());
-  s.busy = true;
-  s.state = t->next;
-  s.end_recording(lock);
-  s.leave_busy(lock);
-  return s.view_now();
-}
-
 void SessionControl::Impl::close_devices(std::unique_lock<std::mutex>& lock) {
   auto closing = std::move(devices);
   devices.reset();
@@ -370,28 +132,6 @@ ApiResult<int> SessionControl::request_scan() {
         ApiCode::kFailedPrecondition,
         "no instrument here scans on request: name a stereo_scanner or depth_camera in devices.toml");
   return asked;
-}
-
-ApiResult<std::vector<std::string>> SessionControl::configure(const std::string& devices_toml) {
-  Impl& s = *impl_;
-  std::unique_lock lock(s.mutex);
-  const auto t = s.take(Event::kConfigure, lock);
-  if (!t) return tl::unexpected(t.error());
-  const fs::path trial = s.config.devices.string() + ".trial";
-  if (const Status written = write_file(trial, devices_toml); !written) return refuse(written.error());
-  const auto read = read_capture_setup(trial);
-  std::error_code ec;
-  const ApiStatus inside = read ? paths_stay_inside(*read, s.root) : ApiStatus();
-  if (!read || !inside) fs::remove(trial, ec);
-  if (!read) return refuse(read.error(), ApiCode::kInvalidArgument);
-  if (!inside) return tl::unexpected(inside.error());
-  fs::rename(trial, s.config.devices, ec);
-  if (ec)
-    return refuse(ApiCode::kInternal,
-                  fmt::format("cannot replace {}: {}", s.config.devices.string(), ec.message()));
-  std::vector<std::string> streams;
-  for (const DeviceConfig& config : read->configs) streams.push_back(config.stream);
-  return streams;
 }
 
 void SessionControl::holder_gone() {
@@ -454,37 +194,11 @@ void SessionControl::Impl::apply_waiting_config() {
   waiting_config.reset();
 }
 
-/// Tells how the recording goes, and ends it when its sources have ended or the disk takes nothing more.
-void SessionControl::Impl::supervise() {
-  std::unique_lock lock(mutex);
-  Stopwatch since_entering;
-  while (!stop_supervisor) {
-    settled.wait_for(lock, std::chrono::milliseconds(100), [&] { return stop_supervisor; });
-    heartbeats.beat(kLoop);
-    if (!busy && !not_entered.empty() && since_entering.seconds() > 1) {
-      enter_waiting(lock);
-      since_entering.restart();
-    }
-    if (busy || state != State::kRecording) continue;
-    last_status = session->status();
-    const bool over = last_status.error || devices->all_ended();
-    if (over) {
-      const Transition t = transition(state, Event::kSourcesEnded);
-      busy = true;
-      state = t.next;
-      message = last_status.error ? "the recording ended early: " + last_status.error->line()
-                                  : "the recording ended: no device delivers any more";
-      end_recording(lock);
-      leave_busy(lock);
-    } else {
-      tell();
-    }
-  }
-}
-
 SessionControl::SessionControl(const DaemonConfig& config, const CaseRoot& root, LiveChannels& channels,
-                               Heartbeats& heartbeats, Clock& clock)
-    : impl_(std::make_unique<Impl>(config, root, channels, heartbeats, clock)) {
+                               Heartbeats& heartbeats, Clock& clock,
+                               std::function<void(const std::string&)> case_changed)
+    : impl_(std::make_unique<Impl>(config, root, channels, heartbeats, clock, std::move(case_changed))) {
+  impl_->not_entered = waiting_recordings(config);
   heartbeats.begin(kLoop, 10.0);  // closing a file after a disk's stall takes seconds
   impl_->tell();
   impl_->supervisor = std::thread([s = impl_.get()] { s->supervise(); });

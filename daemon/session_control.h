@@ -5,6 +5,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -52,8 +53,10 @@ struct MarkPlace {
 
 class SessionControl {
  public:
+  /// `case_changed` is called, from any thread, when a case.toml has got a recording.
   SessionControl(const DaemonConfig& config, const CaseRoot& root, LiveChannels& channels,
-                 Heartbeats& heartbeats, Clock& clock);
+                 Heartbeats& heartbeats, Clock& clock,
+                 std::function<void(const std::string& case_id)> case_changed = {});
   ~SessionControl();  ///< as terminate()
 
   ApiResult<SessionView> arm(const std::string& case_id);
@@ -67,6 +70,8 @@ class SessionControl {
   ApiResult<std::vector<std::string>> configure(const std::string& devices_toml);
 
   void holder_gone();
+  /// Recordings whose case was at work when they ended: once more, where nothing works in it now.
+  void enter_recordings();
   /// A recording ends properly, the devices are closed; afterwards nothing can be armed.
   void terminate();
   /// Settings of the session, at once when it is idle, otherwise as soon as it is.

@@ -59,7 +59,7 @@ struct AuditVerdict {
   bool good() const { return faults.empty(); }
 };
 
-/// Reads the whole trail under its lock. `heads` are what else is known of where it stood (the catalogue's);
+/// Reads the trail as it stands when this is called; who appends meanwhile does not wait. `heads` are what else is known of where it stood (the catalogue's);
 /// FILE.head is always taken too. Refused (kInput): a file that cannot be read.
 Result<AuditVerdict> verify_audit(const std::filesystem::path& file,
                                   const std::vector<AuditHead>& heads = {});

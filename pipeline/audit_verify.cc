@@ -1,6 +1,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -79,19 +80,53 @@ class Walk {
   bool after_unreadable_ = false;
 };
 
-/// The sidecar's word; a line that is newer than it is what a writer leaves that died between the two.
-void compare_sidecar(Walk& walk, const fs::path& trail) {
+/// Where a trail stands at one moment. What is before `whole` never changes again: lines are only added.
+struct Snapshot {
+  std::uint64_t whole = 0, torn = 0;  ///< bytes up to the last newline, and behind it
+  bool has_head = false;
+  std::string head;  ///< of the record beside it
+};
+
+/// The lock is held for this alone: who writes meanwhile (a capture) does not wait for the hashing.
+Result<Snapshot> take_snapshot(int fd, const fs::path& file) {
+  constexpr std::uint64_t kTail = 2 * audit::kLongestLine;
+  const auto cannot = [&] {
+    return bad_input("cannot verify audit trail", file.string(), std::strerror(errno));
+  };
+  const audit::Lock lock(fd, LOCK_SH);
+  struct stat status {};
+  if (!lock.held() || ::fstat(fd, &status) != 0) return cannot();
+  const auto size = static_cast<std::uint64_t>(status.st_size);
+  // A torn end longer than any line is none of ours: it is then walked like a line, and named.
+  const std::uint64_t from = size > kTail ? size - kTail : 0;
+  std::string tail(size - from, '\0');
+  for (std::size_t done = 0; done < tail.size();) {
+    const ssize_t n = ::pread(fd, tail.data() + done, tail.size() - done, static_cast<off_t>(from + done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return cannot();
+    done += static_cast<std::size_t>(n);
+  }
+  const std::size_t newline = tail.rfind('\n');
+  Snapshot s;
+  s.torn = newline != std::string::npos ? tail.size() - newline - 1 : from == 0 ? tail.size() : 0;
+  s.whole = size - s.torn;
   std::error_code ec;
-  const fs::path path = audit::head_path(trail);
-  if (!fs::exists(path, ec)) {
+  s.has_head = fs::exists(audit::head_path(file), ec);
+  if (const auto text = s.has_head ? read_file(audit::head_path(file)) : Result<std::string>(std::string()))
+    s.head = *text;
+  return s;
+}
+
+/// The sidecar's word; a line that is newer than it is what a writer leaves that died between the two.
+void compare_sidecar(Walk& walk, const Snapshot& then, const fs::path& trail) {
+  const std::string name = audit::head_path(trail).filename().string();
+  if (!then.has_head) {
     if (walk.verdict.head.lines > 0)
-      walk.verdict.faults.push_back({walk.file_lines, "is the last, but the head record " +
-                                                          path.filename().string() +
+      walk.verdict.faults.push_back({walk.file_lines, "is the last, but the head record " + name +
                                                           " is gone: lines may have been cut off the end"});
     return;
   }
-  const auto text = read_file(path);
-  const auto head = text ? audit::parse_head(*text) : std::nullopt;
+  const auto head = audit::parse_head(then.head);
   if (!head) {
     walk.verdict.faults.push_back({walk.file_lines, "is the last, but the head record cannot be read"});
     return;
@@ -114,26 +149,22 @@ Result<AuditVerdict> verify_audit(const fs::path& file, const std::vector<AuditH
   if (!fs::is_regular_file(file, ec)) return bad_input(kWhat, file.string(), "is not a file");
   const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return bad_input(kWhat, file.string(), std::strerror(errno));
-  Walk walk;
-  {
-    const audit::Lock lock(fd, LOCK_SH);
-    std::ifstream in(file, std::ios::binary);
-    std::string line;
-    std::uint64_t at = 0;
-    while (std::getline(in, line)) {
-      if (in.eof()) {  // no newline behind it
-        walk.verdict.notes.push_back(
-            fmt::format("line {} is torn ({} bytes): its writer died there; the next entry takes it off",
-                        at + 1, line.size()));
-        break;
-      }
-      walk.take(line, ++at);
-    }
-    walk.file_lines = at;
-    for (const AuditHead& head : heads) walk.compare(head, "the catalogue");
-    compare_sidecar(walk, file);
-  }
+  const auto then = take_snapshot(fd, file);
   ::close(fd);
+  if (!then) return tl::unexpected<Error>(then.error());
+  Walk walk;
+  std::ifstream in(file, std::ios::binary);
+  std::string line;
+  std::uint64_t at = 0;
+  for (std::uint64_t read = 0; read < then->whole && std::getline(in, line); read += line.size() + 1)
+    walk.take(line, ++at);
+  if (then->torn > 0)
+    walk.verdict.notes.push_back(
+        fmt::format("line {} is torn ({} bytes): its writer died there; the next entry takes it off", at + 1,
+                    then->torn));
+  walk.file_lines = at;
+  for (const AuditHead& head : heads) walk.compare(head, "the catalogue");
+  compare_sidecar(walk, *then, file);
   return std::move(walk.verdict);
 }
 

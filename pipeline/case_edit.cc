@@ -32,7 +32,7 @@ Result<std::vector<std::string>> bodies_of_rig(const fs::path& rig) {
       if (fs::path(*name).filename() != *name || *name == "..")
         return bad_input(kWhat, rig.string(), fmt::format("its {} must lie beside it", key));
       std::error_code ec;
-      if (!fs::is_regular_file(rig.parent_path() / *name, ec))
+      if (!fs::is_regular_file(fs::symlink_status(rig.parent_path() / *name, ec)))
         return bad_input(kWhat, rig.string(), fmt::format("its {} {} is not beside it", key, *name));
       names.push_back(*name);
     }
@@ -114,7 +114,7 @@ Status CaseEdit::add(const NewCaseFile& file) {
   if (role != nullptr && role->kind == CaseFileKind::kToml) {
     GNATHION_TRY(const auto bodies, bodies_of_rig(file.from));
     for (const std::string& body : bodies)
-      GNATHION_CHECK_OK(copy_private(file.from.parent_path() / body, folder_ / sub / body));
+      GNATHION_CHECK_OK(copy_private(file.from.parent_path() / body, folder_ / sub / body, LinkUse::kRefuse));
   }
   return set(role != nullptr ? role->section : "extra", key, toml_quoted(place.generic_string()));
 }

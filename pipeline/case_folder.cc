@@ -173,6 +173,11 @@ CaseSummary summarize_case(const fs::path& folder, CaseTrust trust) {
   s.files = case_files(*c);
   s.verdict = verdict_of(folder);
   s.results_at = results_time(folder);
+  // Under a daemon's root a case is found by its folder, and named by its id.
+  if (const std::string name = folder.filename().string(); trust == CaseTrust::kConfined && s.id != name)
+    s.problem =
+        fmt::format("case.toml says that it is '{}', its folder is called '{}': give both the same name",
+                    s.id.substr(0, 80), name.substr(0, 80));
   return s;
 }
 

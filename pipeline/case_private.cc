@@ -62,9 +62,9 @@ Status make_private(const fs::path& path) {
   return ec ? Status(cannot("cannot make private", path, ec)) : Status();
 }
 
-Status copy_private(const fs::path& from, const fs::path& to) {
+Status copy_private(const fs::path& from, const fs::path& to, LinkUse links) {
   std::error_code ec;
-  const fs::path source = fs::canonical(from, ec);  // a link that the user names himself is his business
+  const fs::path source = links == LinkUse::kFollow ? fs::canonical(from, ec) : from;
   if (ec) return bad_input("cannot copy", from.string(), ec.message());
   const fs::path part =
       to.parent_path() / ("." + to.filename().string() + ".part." + std::to_string(::getpid()));

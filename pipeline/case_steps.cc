@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,8 +13,10 @@
 #include <set>
 
 #include "core/file.h"
+#include "core/interrupt.h"
 #include "core/transform_io.h"
 #include "core/utc.h"
+#include "pipeline/build_id.h"
 #include "pipeline/case_private.h"
 #include "pipeline/version.h"
 
@@ -35,9 +38,13 @@ tl::unexpected<Error> cannot(const fs::path& where, const std::string& why) {
 
 /// What the key is the hash of. Paths are not in it: a case may move.
 std::string key_of(const StepSpec& spec, const StepRecord& record, const std::vector<StepRecord>& earlier) {
-  json k = {{"step", spec.name},        {"step_version", spec.version},
-            {"version", kVersion},      {"parameters", json::parse(record.parameters)},
-            {"inputs", json::object()}, {"uses", json::object()}};
+  json k = {{"step", spec.name},
+            {"step_version", spec.version},
+            {"version", kVersion},
+            {"build", record.build},
+            {"parameters", json::parse(record.parameters)},
+            {"inputs", json::object()},
+            {"uses", json::object()}};
   for (const StepInput& in : spec.inputs)
     if (in.path.empty()) k["inputs"][in.role] = nullptr;
   for (const FileRecord& in : record.inputs) {
@@ -46,6 +53,22 @@ std::string key_of(const StepSpec& spec, const StepRecord& record, const std::ve
       if (in.from_step && s.step == in.role) k["uses"][in.path] = s.key;
   }
   return sha256_hex(k.dump());
+}
+
+/// Device, inode, size and time of writing; of a folder, of all files in it.
+std::string stamp_of(const fs::path& path) {
+  struct stat s {};
+  if (::stat(path.c_str(), &s) != 0) return "gone";
+  std::string text =
+      fmt::format("{} {} {} {}.{}", s.st_dev, s.st_ino, s.st_size, s.st_mtim.tv_sec, s.st_mtim.tv_nsec);
+  if (!S_ISDIR(s.st_mode)) return text;
+  std::vector<std::string> all;
+  std::error_code ec;
+  for (const auto& entry : fs::directory_iterator(path, ec))
+    all.push_back(entry.path().filename().string() + " " + stamp_of(entry.path()) + "\n");
+  std::sort(all.begin(), all.end());
+  for (const std::string& one : all) text += "\n" + one;
+  return sha256_hex(text);
 }
 
 std::string what_changed(const json& was, const json& is) {
@@ -65,6 +88,7 @@ std::string what_changed(const json& was, const json& is) {
 std::string why_again(const StepRecord& was, const StepRecord& is) {
   if (was.program != is.program) return "made by gnathion " + was.program;
   if (was.version != is.version) return "the step itself is another version";
+  if (was.build != is.build) return "made by another build of gnathion";
   const json before = json::parse(was.parameters, nullptr, false),
              now = json::parse(is.parameters, nullptr, false);
   if (before != now) return what_changed(before, now);
@@ -94,7 +118,7 @@ Result<std::vector<FileRecord>> hash_outputs(const fs::path& folder) {
     const std::string path = it->path().lexically_relative(folder).generic_string();
     if (it->is_directory() || path == kRecord) continue;
     GNATHION_TRY(std::string sha, sha256_of(it->path()));
-    out.push_back({"", path, std::move(sha), false});
+    out.push_back({"", path, std::move(sha), false, false});
   }
   if (ec) return cannot(folder, ec.message());
   std::sort(out.begin(), out.end(), [](const FileRecord& a, const FileRecord& b) { return a.path < b.path; });
@@ -153,7 +177,33 @@ Status exchange(const fs::path& a, const fs::path& b) {
   return ec ? Status(cannot(b, ec.message())) : Status();
 }
 
+/// Of a run that was killed: steps half-made, results half put together. With the case's lock.
+void remove_parts(const fs::path& folder) {
+  const fs::path results = folder / "results", staging = folder / ".results.part";
+  std::error_code ec;
+  if (!fs::exists(results, ec) && fs::exists(staging.string() + ".old", ec))
+    fs::rename(staging.string() + ".old", results, ec);
+  for (const fs::path& path : {staging, fs::path(staging.string() + ".old")}) fs::remove_all(path, ec);
+  for (const auto& entry : fs::directory_iterator(steps_of(folder), ec)) {
+    std::error_code one;
+    if (entry.path().filename().string().front() == '.') fs::remove_all(entry.path(), one);
+  }
+}
+
 }  // namespace
+
+bool clean_interrupted_run(const fs::path& folder) {
+  std::error_code ec;
+  const fs::path staging = folder / ".results.part";
+  bool any = fs::exists(staging, ec) || fs::exists(staging.string() + ".old", ec);
+  for (const auto& entry : fs::directory_iterator(steps_of(folder), ec))
+    any = any || entry.path().filename().string().front() == '.';
+  if (!any) return false;
+  const auto lock = CaseLock::take(folder, kWhat);
+  if (!lock) return false;  // one is at work there
+  remove_parts(folder);
+  return true;
+}
 
 CaseSteps::CaseSteps(fs::path folder, std::string id, bool force, Clock& clock, CaseLock lock)
     : folder_(std::move(folder)), id_(std::move(id)), force_(force), clock_(&clock), lock_(std::move(lock)) {}
@@ -161,11 +211,9 @@ CaseSteps::CaseSteps(fs::path folder, std::string id, bool force, Clock& clock, 
 Result<CaseSteps> CaseSteps::open(const fs::path& folder, const std::string& case_id, bool force,
                                   Clock& clock) {
   GNATHION_TRY(CaseLock lock, CaseLock::take(folder, kWhat));
-  const fs::path results = folder / "results", staging = folder / ".results.part";
+  const fs::path results = folder / "results";
+  remove_parts(folder);
   std::error_code ec;
-  if (!fs::exists(results, ec) && fs::exists(staging.string() + ".old", ec))
-    fs::rename(staging.string() + ".old", results, ec);
-  fs::remove_all(staging, ec);
   const fs::file_status status = fs::symlink_status(results, ec);
   if (fs::exists(status) && !fs::is_directory(status))
     return fail(ErrorCode::kUsage, kWhat, results.string(), "is not a folder; move it away");
@@ -176,19 +224,30 @@ Result<CaseSteps> CaseSteps::open(const fs::path& folder, const std::string& cas
   fs::create_directory(steps_of(folder), ec);
   if (ec) return cannot(folder, ec.message());
   GNATHION_CHECK_OK(make_private(steps_of(folder)));
-  for (const auto& entry : fs::directory_iterator(steps_of(folder), ec)) {
-    std::error_code one;
-    if (entry.path().filename().string().front() == '.') fs::remove_all(entry.path(), one);
-  }
   return CaseSteps(folder, case_id, force, clock, std::move(lock));
 }
 
 Result<std::string> CaseSteps::hash_of(const fs::path& path) {
   const auto known = hashes_.find(path.string());
-  if (known != hashes_.end()) return known->second;
+  if (known != hashes_.end()) return known->second.sha256;
+  const std::string stamp = stamp_of(path);
   GNATHION_TRY(std::string sha, sha256_of(path));
-  hashes_[path.string()] = sha;
+  hashes_[path.string()] = {sha, stamp};
   return sha;
+}
+
+Status CaseSteps::know(const fs::path& input) {
+  if (input.empty()) return {};
+  GNATHION_TRY(const std::string sha, hash_of(input));
+  return {};
+}
+
+/// What a step says that it read is what it read.
+Status CaseSteps::inputs_stand() const {
+  for (const auto& [path, known] : hashes_)
+    if (stamp_of(path) != known.stamp)
+      return bad_input(kWhat, path, "was changed while the case was run; run it again");
+  return {};
 }
 
 Result<StepRecord> CaseSteps::record_for(const StepSpec& spec) {
@@ -196,13 +255,15 @@ Result<StepRecord> CaseSteps::record_for(const StepSpec& spec) {
   r.step = spec.name;
   r.version = spec.version;
   r.program = kVersion;
+  r.build = build_id();
   r.parameters = spec.parameters.empty() ? "{}" : spec.parameters;
   for (const StepInput& in : spec.inputs) {
     if (in.path.empty()) continue;
     GNATHION_TRY(const std::string sha, hash_of(in.path));
     const fs::path relative = in.path.lexically_relative(folder_);
     const bool inside = !relative.empty() && *relative.begin() != "..";
-    r.inputs.push_back({in.role, inside ? relative.generic_string() : in.path.string(), sha, false});
+    r.inputs.push_back(
+        {in.role, inside ? relative.generic_string() : in.path.filename().string(), sha, false, !inside});
   }
   for (const auto& [step, file] : spec.uses) {
     const auto from =
@@ -211,7 +272,7 @@ Result<StepRecord> CaseSteps::record_for(const StepSpec& spec) {
     const auto output = std::find_if(from->outputs.begin(), from->outputs.end(),
                                      [&](const FileRecord& f) { return f.path == file; });
     if (output == from->outputs.end()) return cannot(step, "it made no " + file);
-    r.inputs.push_back({step, file, output->sha256, true});
+    r.inputs.push_back({step, file, output->sha256, true, false});
   }
   r.key = key_of(spec, r, records_);
   return r;
@@ -247,6 +308,7 @@ Result<fs::path> CaseSteps::run(const StepSpec& spec, const Work& work) {
 Status CaseSteps::make(const StepSpec& spec, const Work& work, StepRecord& record) {
   const fs::path place = steps_of(folder_) / spec.name,
                  part = steps_of(folder_) / ("." + spec.name + ".part");
+  const GoesWhenInterrupted half_made(part);
   std::error_code ec;
   fs::remove_all(part, ec);
   fs::create_directory(part, ec);
@@ -254,6 +316,7 @@ Status CaseSteps::make(const StepSpec& spec, const Work& work, StepRecord& recor
   record.time = utc_text(clock_->now());
   const auto finish = [&]() -> Status {
     GNATHION_CHECK_OK(work(part, record));
+    GNATHION_CHECK_OK(inputs_stand());
     GNATHION_CHECK_OK(tell_provenance(part, record));
     GNATHION_TRY(record.outputs, hash_outputs(part));
     GNATHION_CHECK_OK(write_json(part / kRecord, step_json(record)));
@@ -303,9 +366,11 @@ Status CaseSteps::keep_foreign(const fs::path& staging) const {
 }
 
 Status CaseSteps::publish() {
+  GNATHION_CHECK_OK(inputs_stand());
   Provenance now{id_, kVersion, utc_text(clock_->now()), records_};
   if (published(now)) return {};
   const fs::path results = folder_ / "results", staging = folder_ / ".results.part";
+  const GoesWhenInterrupted half_made(staging);
   std::error_code ec;
   fs::remove_all(staging, ec);
   fs::create_directory(staging, ec);

@@ -35,6 +35,15 @@ struct ImportReport {
 /// files for one role, no jaws; and everything the readers refuse. No case is left half-made.
 Result<ImportReport> import_case(const CaseImport& what, Clock& clock, Progress& progress);
 
+/// One file that an import reads, under a name below the folder it would be imported from.
+struct ImportSource {
+  std::string name;
+  std::filesystem::path path;
+};
+/// What import_case(`from`) would read: a folder's plain files, a workspace with its meshes, a sequence with its data.
+/// Refused (kInput): what is not there, a workspace that cannot be read or whose meshes lie elsewhere.
+Result<std::vector<ImportSource>> import_sources(const std::filesystem::path& from);
+
 /// CASE as NAME.dpw with its meshes beside it in NAME_files/: jaws by keyword, the lower one under a node
 /// "transformation" with T_th (results/T_th.json, else [position] transform), planes, other meshes, jaw motion as an
 /// animation, the splint. Named by the case's id. Refused (kUsage): a file that exists, unless `force`.

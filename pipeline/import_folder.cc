@@ -84,7 +84,8 @@ Status import_folder(const CaseImport& what, ImportDraft& draft) {
   std::vector<fs::path> files;
   for (auto it = fs::directory_iterator(what.from, ec); !ec && it != fs::directory_iterator();
        it.increment(ec))
-    if (it->is_regular_file() && it->path().filename().string().front() != '.') files.push_back(it->path());
+    if (it->path().filename().string().front() != '.' && fs::is_regular_file(it->symlink_status(ec)))
+      files.push_back(it->path());
   if (ec) return bad_input(kWhat, what.from.string(), ec.message());
   std::sort(files.begin(), files.end());
 
@@ -92,8 +93,11 @@ Status import_folder(const CaseImport& what, ImportDraft& draft) {
   for (const auto& [role, name] : what.roles) {
     const CaseRole* known = find_case_role(role);
     if (known == nullptr) return fail(ErrorCode::kUsage, kWhat, role, "is no role");
-    const fs::path path = fs::exists(what.from / name, ec) ? what.from / name : fs::path(name);
-    if (!fs::is_regular_file(path, ec)) return bad_input(kWhat, name, "is no file of the folder");
+    // One of those that were listed: neither a link nor a path leads out of the folder.
+    const fs::path path = what.from / fs::path(name).filename();
+    const bool its_own = fs::path(name) == path || fs::path(name) == path.filename();
+    if (!its_own || std::find(files.begin(), files.end(), path) == files.end())
+      return bad_input(kWhat, name, "is no file of the folder; links are not followed");
     GNATHION_CHECK_OK(draft.take(known->name(), path, "as given"));
     used.insert(path);
   }

@@ -13,16 +13,20 @@
 
 #include "core/file.h"
 #include "core/transform_io.h"
+#include "pipeline/case_file.h"
+#include "pipeline/case_roles.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
 namespace {
 
 using nlohmann::json;
+constexpr const char* kNotCompared = "not compared: it lies outside the case";
 
 json file_json(const FileRecord& f) {
   json j = {{"path", f.path}, {"sha256", f.sha256}};
   if (!f.role.empty()) j[f.from_step ? "step" : "role"] = f.role;
+  if (f.outside) j["outside"] = true;
   return j;
 }
 
@@ -74,8 +78,9 @@ class Tracer {
       ProvenanceNode leaf;
       leaf.file = in.path;
       leaf.sha256 = in.sha256;
-      leaf.state =
-          state_of(fs::path(in.path).is_absolute() ? fs::path(in.path) : folder_ / in.path, in.sha256);
+      const fs::path place =
+          in.outside ? outside(in.role) : folder_ / in.path;  // an absolute one stays as it is
+      leaf.state = place.empty() ? kNotCompared : state_of(place, in.sha256);
       node.from.push_back(std::move(leaf));
     }
     return node;
@@ -94,6 +99,13 @@ class Tracer {
     return states_[path.string()] = state;
   }
 
+  /// Where case.toml says that a file lies; empty: it does not say.
+  fs::path outside(const std::string& role) const {
+    const CaseRole* known = find_case_role(role);
+    const auto files = read_unfinished_case(folder_);
+    return known && files ? (*files).*(known->member) : fs::path();
+  }
+
   fs::path folder_;
   std::map<std::string, const StepRecord*> steps_, maker_;
   std::map<std::string, std::string> states_;
@@ -101,8 +113,9 @@ class Tracer {
 
 void print(const ProvenanceNode& node, const std::string& indent, const char* mark,
            std::set<std::string>& shown, std::string& text) {
-  text += fmt::format("{}{}{}  {}  {}\n", indent, mark, node.file, node.sha256.substr(0, 12),
-                      node.state == "unchanged" ? "unchanged" : "*** " + node.state);
+  text +=
+      fmt::format("{}{}{}  {}  {}\n", indent, mark, node.file, node.sha256.substr(0, 12),
+                  node.state == "unchanged" || node.state == kNotCompared ? node.state : "*** " + node.state);
   const std::string below = indent + (*mark == 0 ? "" : "   ");
   if (node.made_by.step.empty()) return;
   text += fmt::format("{}   by {} {} of gnathion {}, {}\n", below, node.made_by.step, node.made_by.version,
@@ -118,7 +131,7 @@ void print(const ProvenanceNode& node, const std::string& indent, const char* ma
 }
 
 void collect_changed(const ProvenanceNode& node, std::set<std::string>& files) {
-  if (node.state != "unchanged") files.insert(node.file + " " + node.state);
+  if (node.state != "unchanged" && node.state != kNotCompared) files.insert(node.file + " " + node.state);
   for (const ProvenanceNode& n : node.from) collect_changed(n, files);
 }
 
@@ -159,10 +172,15 @@ json step_json(const StepRecord& r) {
   json inputs = json::array(), outputs = json::array();
   for (const FileRecord& f : r.inputs) inputs.push_back(file_json(f));
   for (const FileRecord& f : r.outputs) outputs.push_back(file_json(f));
-  return {{"step", r.step},       {"key", r.key},
-          {"version", r.program}, {"step_version", r.version},
-          {"time", r.time},       {"parameters", json::parse(r.parameters.empty() ? "{}" : r.parameters)},
-          {"inputs", inputs},     {"outputs", outputs},
+  return {{"step", r.step},
+          {"key", r.key},
+          {"version", r.program},
+          {"step_version", r.version},
+          {"build", r.build},
+          {"time", r.time},
+          {"parameters", json::parse(r.parameters.empty() ? "{}" : r.parameters)},
+          {"inputs", inputs},
+          {"outputs", outputs},
           {"facts", r.facts}};
 }
 
@@ -173,15 +191,16 @@ Result<StepRecord> step_from_json(const json& j, const std::string& where) {
     r.key = j.at("key").get<std::string>();
     r.program = j.at("version").get<std::string>();
     r.version = j.at("step_version").get<int>();
+    r.build = j.value("build", std::string());
     r.time = j.at("time").get<std::string>();
     r.parameters = j.at("parameters").dump();
     for (const json& f : j.at("inputs")) {
       const bool step = f.contains("step");
       r.inputs.push_back({f.at(step ? "step" : "role").get<std::string>(), f.at("path").get<std::string>(),
-                          f.at("sha256").get<std::string>(), step});
+                          f.at("sha256").get<std::string>(), step, f.value("outside", false)});
     }
     for (const json& f : j.at("outputs"))
-      r.outputs.push_back({"", f.at("path").get<std::string>(), f.at("sha256").get<std::string>(), false});
+      r.outputs.push_back({"", f.at("path").get<std::string>(), f.at("sha256").get<std::string>()});
     for (const json& f : j.at("facts")) r.facts.push_back(f.get<std::string>());
     return r;
   } catch (const json::exception& e) {

@@ -15,14 +15,18 @@ namespace gnathion {
 /// A file as it was when a step read or wrote it.
 struct FileRecord {
   std::string role;  ///< of an input, "scans.maxilla_mi"; of another step's result, that step's name
-  std::string path;  ///< relative to the case's folder where it lies in it; of results: to the step's folder
+  /// Relative to the case's folder where it lies in it, else its name alone; of results: to the step's
+  /// folder.
+  std::string path;
   std::string sha256;  ///< of a folder: of the names and hashes in it
   bool from_step = false;
+  bool outside = false;  ///< of the case's folder: where it lay is nobody else's business
 };
 
 /// One step as it ran.
 struct StepRecord {
   std::string step, key, program, time;
+  std::string build;  ///< build_id.h; empty in records of old
   int version = 0;
   std::vector<FileRecord> inputs, outputs;
   std::string parameters;          ///< JSON
@@ -47,7 +51,9 @@ Result<Provenance> read_provenance(const std::filesystem::path& case_folder);
 struct ProvenanceNode {
   std::string file;    ///< "results/splint.stl", "scans/maxilla_mi.ply"
   std::string sha256;  ///< then
-  std::string state;   ///< "unchanged", "changed since", "is gone"
+  /// "unchanged", "changed since", "is gone"; of a file outside the case that case.toml no longer names: "not
+  /// compared"
+  std::string state;
   StepRecord made_by;  ///< step empty: from outside
   std::vector<ProvenanceNode> from;
 };

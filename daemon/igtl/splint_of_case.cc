@@ -1,6 +1,6 @@
 #include "daemon/igtl/splint_of_case.h"
 
-#include <filesystem>
+#include <fmt/format.h>
 
 #include "core/log.h"
 #include "core/mesh_io.h"
@@ -8,30 +8,51 @@
 namespace gnathion::daemon {
 
 namespace fs = std::filesystem;
+namespace {
 
-std::shared_ptr<const TriangleMesh> newest_splint(const CaseRoot& root, const std::string& case_id) {
-  const auto folder = root.case_folder(case_id);
-  if (!folder) return nullptr;
-  fs::path newest;
-  fs::file_time_type newest_time{};
+constexpr int kMostEntries = 5000;  // of a case's folder that are looked at
+constexpr double kLook_s = 1;
+
+}  // namespace
+
+SplintOfCase::Found SplintOfCase::find(const fs::path& folder) {
+  Found newest;
   std::error_code ec;
-  for (auto it = fs::recursive_directory_iterator(*folder, ec);
-       !ec && it != fs::recursive_directory_iterator(); it.increment(ec)) {
+  int looked_at = 0;
+  for (auto it = fs::recursive_directory_iterator(folder, ec);
+       !ec && it != fs::recursive_directory_iterator() && ++looked_at < kMostEntries; it.increment(ec)) {
     if (it->path().filename().string().rfind('.', 0) == 0 || it.depth() > 2) it.disable_recursion_pending();
-    if (it->path().filename() != "splint.stl" || !it->is_regular_file(ec) || it->is_symlink(ec)) continue;
-    const auto time = it->last_write_time(ec);
-    if (newest.empty() || time > newest_time) {
-      newest = it->path();
-      newest_time = time;
-    }
+    std::error_code one;
+    if (it->path().filename() != "splint.stl" || !fs::is_regular_file(it->symlink_status(one))) continue;
+    const Found here{it->path(), it->last_write_time(one), it->file_size(one)};
+    if (!one && (newest.file.empty() || here.time > newest.time)) newest = here;
   }
-  if (newest.empty()) return nullptr;
-  auto mesh = read_mesh(newest);
-  if (!mesh) {
+  return newest;
+}
+
+std::shared_ptr<const TriangleMesh> SplintOfCase::newest(const std::string& case_id) {
+  const HostTime now = clock_.now();
+  if (case_id == case_id_ && now.seconds_since(looked_) < kLook_s) return mesh_;
+  case_id_ = case_id;
+  looked_ = now;
+  const auto folder = root_.case_folder(case_id);
+  const Found found = folder ? find(*folder) : Found{};
+  if (found == found_) return mesh_;
+  found_ = found;
+  mesh_ = nullptr;
+  if (found.file.empty()) return mesh_;
+  if (found.bytes > kMostBytes) {
+    log(LogLevel::kWarning,
+        fmt::format("OpenIGTLink: the splint of case {} has {} MiB, more than the {} that are sent", case_id,
+                    found.bytes >> 20, kMostBytes >> 20));
+    return mesh_;
+  }
+  auto mesh = read_mesh(found.file);
+  if (mesh)
+    mesh_ = std::make_shared<const TriangleMesh>(std::move(*mesh));
+  else
     log(LogLevel::kWarning, mesh.error().line());
-    return nullptr;
-  }
-  return std::make_shared<const TriangleMesh>(std::move(*mesh));
+  return mesh_;
 }
 
 }  // namespace gnathion::daemon

@@ -109,7 +109,9 @@ void JobRunner::Impl::forget_old() {
     json_bytes += (*job)->json.size();
     if (json_bytes > kKeptJsonBytes) (*job)->json.clear();
   }
-  while (all.size() > kKept && all.front()->view.finished()) all.pop_front();
+  // The oldest that have ended, also behind one that still runs.
+  for (auto job = all.begin(); all.size() > kKept && job != all.end();)
+    job = (*job)->view.finished() ? all.erase(job) : job + 1;
 }
 
 ApiResult<JobView> JobRunner::submit(const JobOrder& order) {
@@ -188,6 +190,7 @@ void JobRunner::Impl::run(Job& job) {
       end.error = placed.error().line();
     }
   clean(job.plan, end.pid);
+  if (options.ended) options.ended(job.view.case_id);
   finish(job, state, end);
 }
 
@@ -206,6 +209,7 @@ void JobRunner::Impl::finish(Job& job, JobState state, const ChildEnd& end) {
     view.fraction = view.step_fraction = 1;
   }
   job.json = with_final_places(end.output, job.plan);
+  job.plan.arguments = {};  // a thousand jobs are remembered, with up to a megabyte of words each
   log(LogLevel::kInfo,
       fmt::format("job {} {} of case {}: {}", view.id, view.kind, view.case_id, name_of(state)));
   tell(job);

@@ -1,6 +1,7 @@
 // The queue of jobs and the threads that run them, each job a process of its own.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -36,6 +37,7 @@ struct JobOutcome {
 struct JobRunnerOptions {
   std::filesystem::path program;
   int parallel = 1, queued = 64, nice = 10;
+  std::function<void(const std::string& case_id)> ended;  ///< a job of this case has ended; from its thread
 };
 
 /// Thread-safe.

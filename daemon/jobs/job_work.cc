@@ -16,6 +16,7 @@
 
 #include "daemon/client_path.h"
 #include "pipeline/case_file.h"
+#include "pipeline/case_steps.h"
 
 namespace gnathion::daemon {
 namespace {
@@ -223,7 +224,9 @@ void clean(const JobPlan& plan, int pid) {
   std::error_code ec;
   fs::remove_all(plan.work, ec);
   fs::remove(plan.work.parent_path(), ec);  // when it is empty
-  if (pid > 0) remove_leftovers(plan.case_folder, pid);
+  if (pid <= 0) return;
+  remove_leftovers(plan.case_folder, pid);
+  if (plan.kind->takes_case) clean_interrupted_run(plan.case_folder);
 }
 
 std::vector<std::string> clean_after_crash(const CaseRoot& root) {
@@ -231,10 +234,16 @@ std::vector<std::string> clean_after_crash(const CaseRoot& root) {
   std::error_code ec;
   for (const auto& entry : fs::directory_iterator(root.path(), ec)) {
     if (entry.is_symlink(ec) || !entry.is_directory(ec)) continue;
+    if (const auto left = leftover(entry.path().filename().string())) {  // a case that was being made
+      if (!alive(left->pid)) lines.push_back("removed a case that was being made: " + left->name);
+      if (!alive(left->pid)) fs::remove_all(entry.path(), ec);
+      continue;
+    }
     std::uintmax_t removed = 0;
     if (fs::exists(entry.path() / kJobs, ec)) removed = fs::remove_all(entry.path() / kJobs, ec);
     const int left = remove_leftovers(entry.path(), 0);
-    if (removed > 0 || left > 0)
+    const bool run = clean_interrupted_run(entry.path());
+    if (removed > 0 || left > 0 || run)
       lines.push_back(fmt::format("case {}: removed what interrupted jobs had left half-made",
                                   entry.path().filename().string()));
   }

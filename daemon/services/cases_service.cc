@@ -3,20 +3,25 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <optional>
+#include <thread>
+
 #include "core/log.h"
-#include "core/utc.h"
 #include "daemon/case_listing.h"
 #include "daemon/client_path.h"
 #include "daemon/services/support.h"
 #include "gnathion/v1/cases.grpc.pb.h"
 #include "pipeline/case_folder.h"
-#include "pipeline/import_case.h"
 
 namespace gnathion::daemon {
 namespace {
 
 namespace fs = std::filesystem;
 constexpr std::size_t kChunk = 256 << 10;
+constexpr std::chrono::seconds kUploadStall{30};
 
 void fill(api::CaseInfo& to, const CaseListing& from) {
   to.set_case_id(from.id);
@@ -38,16 +43,41 @@ void fill(api::CaseInfo& to, const CatalogueEntry& from) {
   to.set_problem(from.problem);
 }
 
-/// Made from the time: "case-20260131-120000".
-std::string made_id(Clock& clock) {
-  std::string id = "case-";
-  for (const char c : utc_text(clock.now()))
-    if (std::isdigit(static_cast<unsigned char>(c)))
-      id += c;
-    else if (c == 'T')
-      id += '-';
-  return id;
+ImportOrder order_of(const api::ImportCaseRequest& request) {
+  return {request.case_id(), {request.role().begin(), request.role().end()}, request.trust_names()};
 }
+
+/// Ends a call whose client sends nothing for too long: it would keep others from their turn.
+class StallGuard {
+ public:
+  StallGuard(grpc::ServerContext& call, std::chrono::seconds limit)
+      : watcher_([this, &call, limit] {
+          std::unique_lock lock(mutex_);
+          for (std::uint64_t seen = rounds_;; seen = rounds_) {
+            if (changed_.wait_for(lock, limit, [&] { return over_; })) return;
+            if (rounds_ == seen) return call.TryCancel();
+          }
+        }) {}
+  ~StallGuard() {
+    {
+      std::lock_guard lock(mutex_);
+      over_ = true;
+    }
+    changed_.notify_all();
+    watcher_.join();
+  }
+  void goes_on() {
+    std::lock_guard lock(mutex_);
+    ++rounds_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool over_ = false;
+  std::uint64_t rounds_ = 0;
+  std::thread watcher_;
+};
 
 class CasesService : public api::Cases::Service {
  public:
@@ -56,7 +86,7 @@ class CasesService : public api::Cases::Service {
   grpc::Status Create(grpc::ServerContext* call, const api::CreateCaseRequest* request,
                       api::CaseInfo* response) override {
     NewCase what;
-    what.id = request->case_id().empty() ? made_id(context_.clock) : request->case_id();
+    what.id = request->case_id().empty() ? made_case_id(context_.clock) : request->case_id();
     what.kind = request->kind().empty() ? "patient" : request->kind();
     if (what.kind != "patient" && what.kind != "phantom")
       return to_grpc({ApiCode::kInvalidArgument, "a case's kind is 'patient' or 'phantom'"});
@@ -129,8 +159,14 @@ class CasesService : public api::Cases::Service {
 
   grpc::Status Import(grpc::ServerContext* call, const api::ImportCaseRequest* request,
                       api::CaseInfo* response) override;
+  grpc::Status ImportFiles(grpc::ServerContext* call, grpc::ServerReader<api::ImportChunk>* reader,
+                           api::CaseInfo* response) override;
 
  private:
+  ApiStatus may_import() const;
+  grpc::Status import(grpc::ServerContext& call, const fs::path& source, const ImportOrder& order,
+                      const std::string& detail, api::CaseInfo* response);
+
   ApiResult<fs::path> case_folder(const std::string& id) {
     const auto folder = context_.root.case_folder(id);
     if (folder) return *folder;
@@ -165,35 +201,65 @@ class CasesService : public api::Cases::Service {
   ServiceContext& context_;
 };
 
-/// Reads files of others in this process: not while a recording could be hurt by them.
-grpc::Status CasesService::Import(grpc::ServerContext* call, const api::ImportCaseRequest* request,
-                                  api::CaseInfo* response) {
+ApiStatus CasesService::may_import() const {
   const State state = context_.session.view().state;
   if (state == State::kRecording || state == State::kStopping)
-    return to_grpc({ApiCode::kFailedPrecondition, "a recording is running: import when it has ended"});
+    return refuse(ApiCode::kFailedPrecondition,
+                  "a recording is running, and the disk is its: import when it has ended");
+  return {};
+}
+
+grpc::Status CasesService::Import(grpc::ServerContext* call, const api::ImportCaseRequest* request,
+                                  api::CaseInfo* response) {
+  if (const ApiStatus may = may_import(); !may) return to_grpc(may.error());
   const fs::path incoming = context_.root.path() / "incoming";
   std::error_code ec;
   fs::create_directory(incoming, ec);
   const auto source = path_in_case(context_.root, incoming, request->source(), PathUse::kExisting);
   if (!source) return refused(context_, *call, "case.import", {}, source.error());
-  CaseImport what;
-  what.from = *source;
-  what.id = request->case_id().empty() ? made_id(context_.clock) : request->case_id();
-  if (const Status id = check_case_id(what.id); !id) return to_grpc(refuse(id.error()).value());
-  const auto folder = context_.root.case_folder(what.id, PathUse::kNew);
-  if (!folder) return to_grpc(refuse(folder.error()).value());
-  if (fs::exists(*folder, ec))
-    return to_grpc(
-        {ApiCode::kAlreadyExists, fmt::format("the case '{}' exists: choose another id", what.id)});
-  what.folder = *folder;
-  SilentProgress silent;
-  const auto report = import_case(what, context_.clock, silent);
-  if (!report) return to_grpc(refuse(report.error(), ApiCode::kInvalidArgument).value());
-  refresh(what.id);
   // The file's own name may be a person's: the trail cannot be cleaned.
-  context_.audit.note(context_.who(*call), "case.import", what.id, fs::path(request->source()).extension());
-  fill(*response, list_case(*folder));
+  return import(*call, *source, order_of(*request), fs::path(request->source()).extension(), response);
+}
+
+grpc::Status CasesService::import(grpc::ServerContext& call, const fs::path& source, const ImportOrder& order,
+                                  const std::string& detail, api::CaseInfo* response) {
+  const auto made = context_.importer.import(
+      source, order, [&] { return call.IsCancelled() || context_.going_down.load(); });
+  if (!made) return to_grpc(made.error());
+  refresh(*made);
+  context_.audit.note(context_.who(call), "case.import", *made, detail);
+  fill(*response, list_case(context_.root.path() / *made));
   return grpc::Status::OK;
+}
+
+grpc::Status CasesService::ImportFiles(grpc::ServerContext* call,
+                                       grpc::ServerReader<api::ImportChunk>* reader,
+                                       api::CaseInfo* response) {
+  auto slot = context_.streams.take();
+  if (!slot) return to_grpc(slot.error());
+  auto upload = context_.importer.upload();
+  if (!upload) return to_grpc(upload.error());
+  api::ImportChunk chunk;
+  std::optional<api::ImportCaseRequest> options;
+  {
+    StallGuard guard(*call, kUploadStall);
+    while (reader->Read(&chunk)) {
+      guard.goes_on();
+      if (chunk.has_options() && !options) options = chunk.options();
+      if (const ApiStatus may = may_import(); !may) return to_grpc(may.error());
+      if (!chunk.name().empty())
+        if (const ApiStatus begun = (*upload)->begin_file(chunk.name()); !begun)
+          return refused(context_, *call, "case.import", {}, begun.error());
+      if (const ApiStatus taken = (*upload)->write(chunk.data()); !taken) return to_grpc(taken.error());
+    }
+  }
+  if (call->IsCancelled())
+    return {grpc::StatusCode::CANCELLED, "the files did not come whole: send them again"};
+  if (!options) return to_grpc({ApiCode::kInvalidArgument, "the first message must hold the options"});
+  const auto source = (*upload)->finish(options->source());
+  if (!source) return to_grpc(source.error());
+  return import(*call, *source, order_of(*options),
+                fmt::format("{} files, {} bytes", (*upload)->files(), (*upload)->bytes()), response);
 }
 
 class CatalogueService : public api::Catalogue::Service {

@@ -70,7 +70,8 @@ class DevicesService : public api::Devices::Service {
       to.set_limit_s(loop.limit_s);
       well = well && loop.well();
     }
-    response->set_well(well);
+    if (const std::string fault = context_.audit.fault(); !fault.empty()) response->add_fault(fault);
+    response->set_well(well && response->fault_size() == 0);
     response->set_version(kVersion);
     response->set_started_ns(context_.started.ns);
     response->set_memory_mib(memory_mib());

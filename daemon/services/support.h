@@ -9,6 +9,7 @@
 
 #include "daemon/api_error.h"
 #include "daemon/audit_log.h"
+#include "daemon/case_import.h"
 #include "daemon/config.h"
 #include "daemon/heartbeat.h"
 #include "daemon/jobs/job_runner.h"
@@ -50,6 +51,7 @@ class Slots {
 struct ServiceContext {
   SessionControl& session;
   JobRunner& jobs;
+  CaseImporter& importer;
   const CaseRoot& root;
   LiveChannels& channels;
   Catalogue& catalogue;
