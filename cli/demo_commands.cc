@@ -12,6 +12,7 @@ void add_demo_commands(CLI::App& app, ChosenCommand& chosen) {
   struct Options {
     std::uint64_t seed = 1;
     std::string out = "demo";
+    bool cbct = false;
   };
   auto o = std::make_shared<Options>();
 
@@ -33,10 +34,12 @@ void add_demo_commands(CLI::App& app, ChosenCommand& chosen) {
       app.add_subcommand("phantom", "a virtual patient as a case folder, with ground truth in truth.json");
   phantom->add_option("--seed", o->seed, "the same seed gives the same bytes")->required();
   phantom->add_option("--out", o->out, "case folder to make")->required();
+  phantom->add_flag("--cbct", o->cbct, "with a CBCT of 30 MB: joints and virtual X-rays");
   finish_command(
       *phantom, chosen, [o](const CommonOptions& common, Progress& progress) -> Result<CommandOutput> {
         GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force, {"case.toml"}));
         GNATHION_TRY(const PhantomPatient patient, make_phantom_case(o->seed, staged.path(), progress));
+        if (o->cbct) GNATHION_CHECK_OK(add_phantom_cbct(patient, o->seed, staged.path()));
         GNATHION_CHECK_OK(staged.commit());
         return CommandOutput{"Case written to " + o->out + "\n",
                              nlohmann::json{{"case", o->out}, {"seed", o->seed}}.dump(

@@ -77,17 +77,23 @@ Status plausible_joints(const RealizabilityChecker& checker, const Joints& joint
 
 }  // namespace
 
+Status add_joints(const Joints& joints, const fs::path& where, RealizabilityChecker* checker,
+                  std::vector<std::string>* notes) {
+  checker->use_joints(joints);
+  GNATHION_CHECK_OK(plausible_joints(*checker, joints, where));
+  notes->insert(notes->end(), joints.warnings.begin(), joints.warnings.end());
+  if (!joints.left || !joints.right)
+    notes->push_back(fmt::format("only the {} joint is known", joints.left ? "left" : "right"));
+  return {};
+}
+
 Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
                      RealizabilityChecker* checker, std::vector<std::string>* notes, Progress& progress) {
   if (!files.cbct.empty()) {
     NestedProgress finding(progress, "finding the joints", 0.4);
     GNATHION_TRY(const CbctOptions options, cbct_options_of(files));
     GNATHION_TRY(const Joints joints, joints_from_cbct(files.cbct, maxilla, mandible_mi, options, finding));
-    checker->use_joints(joints);
-    GNATHION_CHECK_OK(plausible_joints(*checker, joints, files.cbct));
-    notes->insert(notes->end(), joints.warnings.begin(), joints.warnings.end());
-    if (!joints.left || !joints.right)
-      notes->push_back(fmt::format("only the {} joint is known", joints.left ? "left" : "right"));
+    GNATHION_CHECK_OK(add_joints(joints, files.cbct, checker, notes));
   }
   if (files.motion.empty()) return {};
   GNATHION_TRY(const JawMotion motion, read_dental_motion(files.motion, files.calibration));

@@ -41,6 +41,9 @@ Result<CbctOptions> cbct_options_of(const PatientFiles& files);
 /// Joints and recording for a checker that exists already.
 Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
                      RealizabilityChecker* checker, std::vector<std::string>* notes, Progress& progress);
+/// Joints that were found already; refused (kInput) where they cannot be this patient's in MI. `where` is named.
+Status add_joints(const Joints& joints, const std::filesystem::path& where, RealizabilityChecker* checker,
+                  std::vector<std::string>* notes);
 
 struct CheckOutcome {
   Feasibility feasibility;

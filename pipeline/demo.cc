@@ -7,6 +7,7 @@
 #include "acquisition/recording.h"
 #include "core/file.h"
 #include "phantom/case.h"
+#include "phantom/cbct.h"
 #include "phantom/film.h"
 #include "phantom/film_scene.h"
 #include "pipeline/nested_progress.h"
@@ -64,6 +65,22 @@ Result<PhantomPatient> make_phantom_case(std::uint64_t seed, const fs::path& fol
   progress.begin_step("filming and recording the session", 0.20);
   GNATHION_CHECK_OK(film_session(patient, seed, folder, progress));
   return patient;
+}
+
+Status add_phantom_cbct(const PhantomPatient& patient, std::uint64_t seed, const fs::path& folder) {
+  constexpr double kVoxelMm = 0.5;
+  PhantomCbctOptions options;
+  options.seed = seed;
+  options.voxel_mm = kVoxelMm;
+  options.blur_mm = 0.5 * kVoxelMm;
+  const PhantomCbct cbct = make_phantom_cbct(patient.jaws, draw_face_shape(seed), options);
+  GNATHION_CHECK_OK(write_phantom_nrrd(folder / "scans" / "cbct.nrrd", cbct));
+  GNATHION_TRY(std::string toml, read_file(folder / "case.toml"));
+  constexpr std::string_view kAfter = "[scans]\n";
+  const std::size_t at = toml.find(kAfter);
+  if (at == std::string::npos) return bad_input("cannot add CBCT", "case.toml", "no [scans]");
+  toml.insert(at + kAfter.size(), "cbct = \"scans/cbct.nrrd\"                  # jaws in MI\n");
+  return write_file(folder / "case.toml", toml);
 }
 
 Result<DemoResult> run_demo(std::uint64_t seed, const SplintParameters& parameters, const fs::path& folder,

@@ -17,6 +17,10 @@ namespace gnathion {
 Result<PhantomPatient> make_phantom_case(std::uint64_t seed, const std::filesystem::path& folder,
                                          Progress& progress);
 
+/// The patient's CBCT in MI as scans/cbct.nrrd of such a case, named in its case.toml. About 30 MB.
+Status add_phantom_cbct(const PhantomPatient& patient, std::uint64_t seed,
+                        const std::filesystem::path& folder);
+
 /// How far an estimate is from the truth, at the teeth.
 struct MotionError {
   double largest_tooth_mm = 0;  ///< over all crown vertices of the mandible

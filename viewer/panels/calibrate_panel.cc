@@ -171,11 +171,14 @@ void CalibratePanel::show_weak(const ChainPose& pose, const Rigid3& dental_from_
   for (const Vector3& p : points) {
     const Eigen::SelfAdjointEigenSolver<Matrix3> axes(point_covariance(covariance, p));
     const double sigma = std::sqrt(std::max(0.0, axes.eigenvalues()(2)));
-    const Vector3 half = std::clamp(kShown * sigma, 3.0, 25.0) * axes.eigenvectors().col(2);
+    Vector3 half = std::clamp(kShown * sigma, 3.0, 25.0) * axes.eigenvectors().col(2);
+    if (half.dot(c.arch->up) < 0) half = -half;
     o.arrows.push_back({p, p + half, safe_palette::kVermilion});
     o.arrows.push_back({p, p - half, safe_palette::kVermilion});
+    // Left and right molar lie behind each other in a side view: one label above its arrow, one below.
+    const double end = &p == &points.back() ? -1.2 : 1.2;
     o.labels.push_back(
-        {p + 1.2 * half, QString("±%1 mm").arg(sigma, 0, 'f', 3).toStdString(), {0.55, 0.2, 0.0}, 14, true});
+        {p + end * half, QString("±%1 mm").arg(sigma, 0, 'f', 3).toStdString(), {0.55, 0.2, 0.0}, 14, true});
   }
   bench_.scene.set_overlay("weak", std::move(o));
   bench_.scene.look_at(c.arch->origin_mm, 95);

@@ -55,9 +55,21 @@ CapturePanel::CapturePanel(Workbench& bench, Connect reach, std::string socket)
       return {};
     });
   });
+  live_ = button("Live pictures", "liveButton",
+                 "Opens the instruments without recording, or closes them (key L)", [this] {
+                   const bool open = session_ && session_->state != client::SessionState::kIdle;
+                   const std::string id = document().is_open() ? document().content().title : std::string();
+                   act(open ? "instruments closed" : "instruments open",
+                       [open, id](client::DaemonClient& c) -> Status {
+                         auto r = open ? c.disarm() : c.arm(id);
+                         if (!r) return tl::unexpected<Error>(r.error());
+                         return {};
+                       });
+                 });
   record_->setProperty("role", "record");
   record_->setMinimumHeight(54);
   column->addWidget(record_);
+  column->addWidget(live_);
   auto* marks = new QHBoxLayout;
   const auto mark = [this](const char* text, const char* object, const char* kind, const char* tip) {
     auto* b = button(text, object, tip, [this, kind] {
@@ -94,8 +106,11 @@ CapturePanel::CapturePanel(Workbench& bench, Connect reach, std::string socket)
   takes_->setMaximumHeight(96);
   column->addWidget(takes_);
   strip_ = make_strip();
-  for (const auto& [key, target] :
-       {std::pair{Qt::Key_R, record_}, {Qt::Key_M, mark_mi_}, {Qt::Key_T, mark_tp_}, {Qt::Key_K, mark_}}) {
+  for (const auto& [key, target] : {std::pair{Qt::Key_R, record_},
+                                    {Qt::Key_L, live_},
+                                    {Qt::Key_M, mark_mi_},
+                                    {Qt::Key_T, mark_tp_},
+                                    {Qt::Key_K, mark_}}) {
     auto* shortcut = new QShortcut(QKeySequence(key), this);
     connect(shortcut, &QShortcut::activated, target, &QPushButton::click);
   }
@@ -213,7 +228,7 @@ void CapturePanel::connected(std::unique_ptr<client::DaemonClient> client) {
   mail_timer_.start();
   empty_->hide();
   camera_row_->show();
-  for (QPushButton* b : {record_, mark_mi_, mark_tp_, mark_}) b->setEnabled(true);
+  for (QPushButton* b : {record_, live_}) b->setEnabled(true);
   state_->setText("Joined the daemon");
 }
 
@@ -231,7 +246,7 @@ void CapturePanel::lost(const std::string& why) {
                            why.empty() ? "" : "<br>" + QString::fromStdString(why).toHtmlEscaped()));
   empty_->show();
   camera_row_->hide();
-  for (QPushButton* b : {record_, mark_mi_, mark_tp_, mark_}) b->setEnabled(false);
+  for (QPushButton* b : {record_, live_, mark_mi_, mark_tp_, mark_}) b->setEnabled(false);
   record_->setText("● Record");
   for (QLabel* l : {bow_, head_, jaw_})
     l->setText(l == bow_ ? "Bow, head and jaw appear when the daemon is there." : "");
@@ -283,12 +298,17 @@ void CapturePanel::show_session(const client::Session& s) {
   const bool was = session_ && session_->state == client::SessionState::kRecording;
   session_ = s;
   const bool running = s.state == client::SessionState::kRecording;
+  const bool idle = s.state == client::SessionState::kIdle;
   record_->setText(running ? "■ Stop" : "● Record");
-  state_->setText(running ? QString("Recording %1, %2 s, %3 MB, %4 marks")
+  record_->setEnabled(s.state != client::SessionState::kStopping);
+  live_->setText(idle ? "Live pictures" : "Close the instruments");
+  live_->setEnabled(idle || s.state == client::SessionState::kArmed);
+  for (QPushButton* b : {mark_mi_, mark_tp_, mark_}) b->setEnabled(running);
+  state_->setText(running ? QString("Recording %1, %2 s, %3 MB, marks: %4")
                                 .arg(QString::fromStdString(s.recording))
                                 .arg(s.elapsed_s, 0, 'f', 1)
                                 .arg(static_cast<double>(s.file_bytes) / 1e6, 0, 'f', 1)
-                                .arg(s.marks)
+                                .arg((s.marks + 1) / 2)  // pressed and released
                           : (shown(s.state) + ". " + QString::fromStdString(s.message)));
   if (was && !running) list_takes();
 }
@@ -302,13 +322,15 @@ void CapturePanel::show_devices(const client::LedgerUpdate& l) {
     devices_->setItem(row, 2, cell(QString::number(d.missing + d.rejected), true));
     devices_->setItem(row, 3, cell(QString::fromStdString(d.state)));
     devices_->item(row, 3)->setToolTip(QString::fromStdString(d.message));
-    const auto view = cameras_.find(d.stream);
-    if (view != cameras_.end())
-      view->second->set_facts(QString("%1 Hz   lost %2   pose %3 ms")
-                                  .arg(d.rate_hz, 0, 'f', 1)
-                                  .arg(d.missing + d.rejected)
-                                  .arg(l.pose_latency_ms, 0, 'f', 1));
     ++row;
+  }
+  for (const client::StreamCounts& stream : l.streams) {
+    const auto view = cameras_.find(stream.stream);
+    if (view == cameras_.end()) continue;
+    view->second->set_facts(QString("%1 Hz   lost %2   pose after %3 ms")
+                                .arg(stream.rate_hz, 0, 'f', 1)
+                                .arg(stream.missing + stream.rejected)
+                                .arg(l.pose_latency_ms, 0, 'f', 1));
   }
 }
 

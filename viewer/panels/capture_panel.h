@@ -56,7 +56,7 @@ class CapturePanel : public Panel {
 
   StepStatus* status_;
   QLabel *state_, *bow_, *head_, *jaw_, *empty_;
-  QPushButton *record_, *mark_mi_, *mark_tp_, *mark_;
+  QPushButton *live_, *record_, *mark_mi_, *mark_tp_, *mark_;
   QTableWidget* devices_;
   QListWidget* takes_;
   QWidget *strip_, *camera_row_;

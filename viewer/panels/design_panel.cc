@@ -1,13 +1,9 @@
 #include "viewer/panels/design_panel.h"
 
 #include <QCheckBox>
-#include <QComboBox>
-#include <QDoubleSpinBox>
 #include <QElapsedTimer>
-#include <QFormLayout>
 #include <QHBoxLayout>
 #include <QHeaderView>
-#include <QScrollArea>
 #include <QTabWidget>
 
 #include <cmath>
@@ -24,18 +20,6 @@ namespace gnathion {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr int kMergeParameter = 200;
-/// Everyday ones first; the rest follow in the table's order.
-constexpr const char* kFirst[] = {"wall_mm",  "occlusal_thickness_mm", "gap_mm",
-                                  "depth_mm", "engagement_mm",         "occlusion_clearance_mm"};
-
-QString shown_name(const std::string& name) {
-  QString text = QString::fromStdString(name);
-  text.replace(QRegExp("_(mm|deg)$"), "").replace('_', ' ');
-  text[0] = text[0].toUpper();
-  return text;
-}
-
 /// "wall_min_mm" as "Wall min" and " mm".
 std::pair<QString, QString> gate_name(const std::string& name) {
   QString unit;
@@ -101,7 +85,7 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
   tabs_ = new QTabWidget;
   tabs_->setObjectName("designTabs");
   tabs_->addTab(make_gates(), "Gates");
-  tabs_->addTab(make_parameters(), "Parameters");
+  tabs_->addTab(parameters_ = new ParameterPage(document()), "Parameters");
   auto* edit_page = new QWidget;
   auto* edit_column = new QVBoxLayout(edit_page);
   edit_column->setContentsMargins(6, 6, 6, 6);
@@ -123,84 +107,13 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
   });
   document().opened.add([this] { opened(); });
   document().state_changed.add([this] {
-    show_parameters();
+    parameters_->show_values();
     show_state();
     if (preview_->isChecked() && isVisible()) preview_timer_.start();
   });
   document().layers().changed.add([this](const std::string&, LayerChange change) {
     if (change == LayerChange::kLook && isVisible()) show_scale();
   });
-}
-
-QWidget* DesignPanel::make_parameters() {
-  auto* page = new QWidget;
-  auto* form = new QVBoxLayout(page);
-  form->setContentsMargins(6, 6, 6, 6);
-  form->setSpacing(2);
-  arch_ = new QComboBox;
-  arch_->setObjectName("archBox");
-  arch_->addItems({"Worn on the maxilla", "Worn on the mandible"});
-  connect(arch_, qOverload<int>(&QComboBox::currentIndexChanged), this, [this](int i) {
-    if (!showing_)
-      document().change("Arch", [&](SessionState& s) { s.arch = i ? Arch::kMandible : Arch::kMaxilla; });
-  });
-  form->addWidget(arch_);
-  std::vector<ParameterHelp> all = parameter_help();
-  std::stable_sort(all.begin(), all.end(), [](const ParameterHelp& a, const ParameterHelp& b) {
-    const auto rank = [](const std::string& n) {
-      return std::find(std::begin(kFirst), std::end(kFirst), n) - std::begin(kFirst);
-    };
-    return rank(a.name) < rank(b.name);
-  });
-  int index = 0;
-  for (const ParameterHelp& h : all) {
-    auto* row = new QHBoxLayout;
-    auto* name = new QLabel(shown_name(h.name));
-    auto* box = boxes_[h.name] = new QDoubleSpinBox;
-    box->setObjectName("parameter_" + QString::fromStdString(h.name));
-    box->setRange(h.low, h.high);
-    box->setDecimals(h.unit == "deg" ? 1 : 2);
-    box->setSingleStep(h.unit == "deg" ? 1 : 0.05);
-    box->setSuffix(h.unit == "deg" ? " °" : " mm");
-    box->setKeyboardTracking(false);
-    box->setFixedWidth(92);
-    const QString tip = QString("%1. Default %2, range %3 to %4 %5.")
-                            .arg(QString::fromStdString(h.source))
-                            .arg(h.default_value)
-                            .arg(h.low)
-                            .arg(h.high)
-                            .arg(QString::fromStdString(h.unit));
-    box->setToolTip(tip);
-    name->setToolTip(tip);
-    connect(box, qOverload<double>(&QDoubleSpinBox::valueChanged), this, [this, n = h.name, index](double v) {
-      if (showing_) return;
-      SplintParameters wanted = document().state().parameters;
-      const Status ok = set_parameter(wanted, "design." + n + "=" + std::to_string(v));
-      const Status fits = ok ? check_parameters(wanted) : ok;
-      if (!fits) {
-        document().report(QString::fromStdString(fits.error().line()));
-        return show_parameters();
-      }
-      document().change(
-          shown_name(n), [&](SessionState& s) { s.parameters = wanted; }, kMergeParameter + index);
-    });
-    connect(box, &QDoubleSpinBox::editingFinished, this, [this] { document().end_merge(); });
-    row->addWidget(name, 1);
-    row->addWidget(box);
-    form->addLayout(row);
-    auto* why = wrapped(QString::fromStdString(h.source), true);
-    form->addWidget(why);
-    ++index;
-  }
-  form->addWidget(button("Defaults", "parameterDefaults", "All parameters as published", [this] {
-    document().change("Default parameters", [](SessionState& s) { s.parameters = {}; });
-  }));
-  auto* scroll = new QScrollArea;
-  scroll->setWidget(page);
-  scroll->setWidgetResizable(true);
-  scroll->setFrameShape(QFrame::NoFrame);
-  scroll->setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
-  return scroll;
 }
 
 QWidget* DesignPanel::make_gates() {
@@ -243,7 +156,7 @@ void DesignPanel::opened() {
   build_->setEnabled(ready);
   preview_->setEnabled(ready);
   show_gates();
-  show_parameters();
+  parameters_->show_values();
   show_state();
 }
 
@@ -264,16 +177,6 @@ void DesignPanel::show_state() {
                 .arg(t.value("min", 0.0), 0, 'f', 2);
   }
   status_->show_state(done, missing);
-}
-
-void DesignPanel::show_parameters() {
-  if (!document().is_open()) return;
-  showing_ = true;
-  const nlohmann::json values = parameters_json(document().state().parameters);
-  for (const auto& [name, box] : boxes_)
-    if (values.contains(name)) box->setValue(values[name].get<double>());
-  arch_->setCurrentIndex(document().state().arch == Arch::kMandible ? 1 : 0);
-  showing_ = false;
 }
 
 void DesignPanel::show_gates() {

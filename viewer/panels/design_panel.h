@@ -2,7 +2,6 @@
 #pragma once
 
 #include <QTimer>
-#include <map>
 #include <memory>
 
 #include <nlohmann/json_fwd.hpp>
@@ -12,11 +11,10 @@
 #include "viewer/panels/compare_tools.h"
 #include "viewer/panels/edit_tools.h"
 #include "viewer/panels/panel.h"
+#include "viewer/panels/parameter_page.h"
 #include "viewer/widgets/parts.h"
 
 class QCheckBox;
-class QComboBox;
-class QDoubleSpinBox;
 class QTabWidget;
 
 namespace gnathion {
@@ -29,11 +27,9 @@ class DesignPanel : public Panel {
   std::set<std::string> first_layers() const override { return {"maxilla", "mandible_tp", "splint"}; }
 
  private:
-  QWidget* make_parameters();
   QWidget* make_gates();
   void opened();
   void show_state();
-  void show_parameters();
   void show_gates();
   void build();
   void built(const std::filesystem::path& folder, bool cancelled, const std::string& trouble);
@@ -48,8 +44,7 @@ class DesignPanel : public Panel {
 
   StepStatus* status_;
   QTabWidget* tabs_;
-  std::map<std::string, QDoubleSpinBox*> boxes_;
-  QComboBox* arch_;
+  ParameterPage* parameters_;
   QCheckBox *preview_, *numbers_, *margin_, *apertures_;
   QPushButton *build_, *cancel_;
   QTableWidget* gates_;
@@ -62,7 +57,6 @@ class DesignPanel : public Panel {
   std::shared_ptr<const SplintMaps> maps_;
   std::vector<ToothLabel> teeth_;
   std::shared_ptr<SplintPreviewer> previewer_ = std::make_shared<SplintPreviewer>();
-  bool showing_ = false;
 };
 
 }  // namespace gnathion

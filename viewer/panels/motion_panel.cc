@@ -10,7 +10,9 @@
 #include <cmath>
 #include <limits>
 
+#include "calibration/chain_json.h"
 #include "rendering/charts.h"
+#include "tracking/plateaus.h"
 #include "tracking/se3_mean.h"
 #include "viewer/model/colour_maps.h"
 
@@ -42,7 +44,10 @@ MotionPanel::MotionPanel(Workbench& bench) : Panel(bench, Step::kMotion) {
   column->setContentsMargins(10, 8, 10, 8);
   column->addWidget(status_ = new StepStatus("motionStatus"));
   column->addWidget(heading("Pick positions"));
-  column->addWidget(wrapped("Shift-drag an interval on the timeline, then say what it is.", true));
+  column->addWidget(
+      wrapped("Click a violet bar (a rest that was found) on the timeline, or Shift-drag an interval; then "
+              "say what it is.",
+              true));
   auto* picks = new QHBoxLayout;
   picks->addWidget(button("This is MI", "pickMi", "The chosen interval is maximal intercuspation",
                           [this] { pick(false); }));
@@ -54,6 +59,7 @@ MotionPanel::MotionPanel(Workbench& bench) : Panel(bench, Step::kMotion) {
   numbers_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
   numbers_->setColumnWidth(1, 88);
   numbers_->setColumnWidth(2, 48);
+  numbers_->setWordWrap(true);
   column->addWidget(numbers_, 1);
   strip_ = make_strip();
   timer_.setInterval(33);
@@ -90,12 +96,13 @@ QWidget* MotionPanel::make_strip() {
   paths_->setChecked(true);
   connect(paths_, &QCheckBox::toggled, this, [this] { show_paths(); });
   bar->addWidget(play_);
-  bar->addWidget(at_, 1);
+  bar->addStretch();
   bar->addWidget(contacts_);
   bar->addWidget(paths_);
   timeline_ = new Timeline;
   timeline_->scrubbed = [this](double t) { go_to(t, false); };
   left->addLayout(bar);
+  left->addWidget(at_);
   left->addWidget(timeline_, 1);
   posselt_ = new ProfilePlot;
   posselt_->setObjectName("posselt");
@@ -133,6 +140,33 @@ void MotionPanel::opened() {
   show_state();
   show_posselt();
   if (c.motion && c.arch) analyse();
+  find_rests_of_session();
+}
+
+/// Where the jaw stood still, whoever marked it or not.
+void MotionPanel::find_rests_of_session() {
+  timeline_->set_rests({});
+  const auto content = document().shared_content();
+  if (!content->session) return;
+  auto rests = std::make_shared<std::vector<TimelineRest>>();
+  bench_.jobs.run_latest(
+      "rests",
+      [content, rests](JobContext&) {
+        PlateauOptions options;
+        if (content->chain && content->arch)
+          if (const auto chain = chain_from_json(*content->chain, "chain.json"))
+            options.point_in_bow_mm = chain->bow_from_dental.value * content->arch->incisal_mm;
+        for (const Plateau& p : find_rests(*content->session, options))
+          rests->push_back({p.start_s, p.end_s,
+                            QString("Rest found, %1 s, %2 frames, scatter %3 mm, mean ± %4 mm (1σ)")
+                                .arg(p.end_s - p.start_s, 0, 'f', 2)
+                                .arg(p.frames)
+                                .arg(p.dispersion_mm, 0, 'f', 3)
+                                .arg(p.sigma_mm, 0, 'f', 3)});
+      },
+      [this, content, rests] {
+        if (document().shared_content() == content) timeline_->set_rests(std::move(*rests));
+      });
 }
 
 void MotionPanel::show_state(const std::string& trouble) {
@@ -304,6 +338,7 @@ void MotionPanel::show_analysis(const MotionAnalysis& m) {
       numbers_->setItem(row, 2, cell(determined ? QString::number(n.sigma, 'f', 3) : "", true));
       ++row;
     }
+  numbers_->resizeRowsToContents();
   if (isVisible()) show_paths();
 }
 

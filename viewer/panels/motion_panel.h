@@ -34,6 +34,7 @@ class MotionPanel : public Panel {
   void show_state(const std::string& trouble = {});  ///< why there are no numbers
   void show_bands();
   void analyse();
+  void find_rests_of_session();
   void show_analysis(const MotionAnalysis& m);
   void go_to(double time_s, bool playing);
   void step_play();

@@ -7,6 +7,7 @@
 #include <set>
 #include <string>
 
+#include "anatomy/joints/joints.h"
 #include "viewer/jobs/jobs.h"
 #include "viewer/model/document.h"
 #include "viewer/scene/scene_view.h"
@@ -51,5 +52,7 @@ class Panel : public QWidget {
 /// Puts the patient's surfaces into the layer model, and moves what T_th moves.
 void put_patient_layers(Document& document);
 void pose_patient_layers(Document& document);
+/// Condyles and fossae that were found in a volume, where the case has none of its own.
+void put_joint_layers(Document& document, const Joints& joints, bool visible);
 
 }  // namespace gnathion

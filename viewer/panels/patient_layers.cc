@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <nlohmann/json.hpp>
 
 #include "calibration/chain_json.h"
@@ -60,6 +62,21 @@ std::optional<Rigid3> dental_from_face(const CaseContent& c) {
   return chain->dental_from_face.value;
 }
 
+Layer layer_of(const Look& look, SharedMesh mesh) {
+  Layer layer;
+  layer.id = look.id;
+  layer.name = look.name;
+  layer.group = look.group;
+  layer.mesh = std::move(mesh);
+  layer.color_3d = look.color_3d;
+  layer.color_2d = look.color_2d;
+  layer.width_2d_px = look.width_2d_px;
+  layer.opacity = look.opacity;
+  layer.in_section = look.in_section;
+  layer.visible = false;
+  return layer;
+}
+
 }  // namespace
 
 std::vector<Absence> Panel::absences() const {
@@ -75,17 +92,7 @@ void put_patient_layers(Document& document) {
   for (const Look& look : kLooks) {
     const SharedMesh mesh = c.mesh(look.role);
     if (!mesh) continue;
-    Layer layer;
-    layer.id = look.id;
-    layer.name = look.name;
-    layer.group = look.group;
-    layer.mesh = mesh;
-    layer.color_3d = look.color_3d;
-    layer.color_2d = look.color_2d;
-    layer.width_2d_px = look.width_2d_px;
-    layer.opacity = look.opacity;
-    layer.in_section = look.in_section;
-    layer.visible = false;
+    Layer layer = layer_of(look, mesh);
     if (layer.id == "face") {
       const auto pose = dental_from_face(c);
       if (!pose) continue;  // it would stand somewhere
@@ -95,6 +102,22 @@ void put_patient_layers(Document& document) {
     document.layers().put(std::move(layer));
   }
   pose_patient_layers(document);
+}
+
+void put_joint_layers(Document& document, const Joints& joints, bool visible) {
+  for (const auto* joint : {&joints.left, &joints.right}) {
+    if (!*joint) continue;
+    for (const auto& [bone, mesh] :
+         {std::pair("condyle_", &(*joint)->condyle), {"fossa_", &(*joint)->fossa}}) {
+      const std::string id = std::string(bone) + side_name((*joint)->side);
+      if (document.layers().find(id)) continue;
+      const auto look =
+          std::find_if(std::begin(kLooks), std::end(kLooks), [&](const Look& l) { return id == l.id; });
+      Layer layer = layer_of(*look, std::make_shared<const TriangleMesh>(*mesh));
+      layer.visible = visible;
+      document.layers().put(std::move(layer));
+    }
+  }
 }
 
 void pose_patient_layers(Document& document) {

@@ -27,6 +27,8 @@ constexpr SixLook kSix[] = {
     {"Opening", "deg", "opening", "Turn about the transverse axis, chin down", 20, 0.05, 2},
     {"Yaw", "deg", "yaw", "Turn about the occlusal normal, chin to the left", 6, 0.05, 2},
     {"Roll", "deg", "roll", "Turn about the sagittal axis, left side down", 6, 0.05, 2}};
+constexpr const char* kNoCbct =
+    "joints not checked: no CBCT. Name a volume in case.toml, [scans] cbct, to see both condyles here.";
 constexpr int kMergeSix = 100, kMergeHandle = 110;
 
 QString shown(const std::string& constraint) {
@@ -43,6 +45,7 @@ QString signed_text(double v, int decimals) {
 
 TransformPanel::TransformPanel(Workbench& bench) : Panel(bench, Step::kTransformation) {
   setObjectName("transformPanel");
+  films_ = new CondyleFilms(bench.jobs);
   auto* column = new QVBoxLayout(this);
   column->setContentsMargins(10, 8, 10, 8);
   column->setSpacing(4);
@@ -184,25 +187,45 @@ void TransformPanel::opened() {
   checker_.reset();
   where_mm_.clear();
   constraints_->setRowCount(0);
+  films_->show_note(kNoCbct);
   const auto content = document().shared_content();
   const bool ready = content->arch.has_value();
   for (std::size_t k = 0; k < 6; ++k) sliders_[k]->setEnabled(ready), boxes_[k]->setEnabled(ready);
   if (!ready) return;
   edges_ = incisal_edges(*content->mesh("maxilla_mi"), *content->mesh("mandible_mi"), *content->arch);
+  make_checkers();
+}
+
+/// The jaws alone first: seconds before the joints are found in a volume.
+void TransformPanel::make_checkers() {
+  const auto content = document().shared_content();
   auto made = std::make_shared<std::shared_ptr<const RealizabilityChecker>>();
   verdict_->setText("Can a splint hold it? Measuring the jaws…");
   bench_.jobs.run_latest(
-      "checker",
-      [content, made](JobContext&) {
-        auto checker =
-            RealizabilityChecker::create(*content->mesh("maxilla_mi"), *content->mesh("mandible_mi"));
-        if (checker) *made = std::make_shared<const RealizabilityChecker>(std::move(*checker));
-      },
+      "checker", [content, made](JobContext& context) { *made = jaws_checker(*content, context); },
       [this, content, made] {
-        if (document().shared_content() != content) return;
+        if (document().shared_content() != content || checker_) return;
         checker_ = *made;
         check();
       });
+  if (content->files.cbct.empty()) return;
+  films_->show_note("Finding the joints in " +
+                    QString::fromStdString(content->files.cbct.filename().string()) + " …");
+  auto found = std::make_shared<std::shared_ptr<const PatientJoints>>();
+  bench_.jobs.run_latest(
+      "joints", [content, found](JobContext& context) { *found = find_patient_joints(*content, context); },
+      [this, content, found] {
+        if (document().shared_content() == content && *found) take_joints(*found);
+      });
+}
+
+void TransformPanel::take_joints(std::shared_ptr<const PatientJoints> joints) {
+  if (!joints->trouble.empty())
+    return films_->show_note("Joints not checked: " + QString::fromStdString(joints->trouble));
+  films_->show_joints(joints);
+  if (joints->checker) checker_ = joints->checker;
+  put_joint_layers(document(), *joints->joints, isVisible());
+  show_state();
 }
 
 void TransformPanel::set_transform(const QString& text, const Rigid3& t, const QString& source, int merge) {
@@ -324,15 +347,20 @@ void TransformPanel::show_manipulator() {
 }
 
 void TransformPanel::check() {
-  if (!checker_ || !document().state().therapeutic) return;
+  if (!document().state().therapeutic) return;
   const Motion<Dental> t(*document().state().therapeutic);
+  if (isVisible()) films_->follow(t);
+  if (!checker_) return;
   auto found = std::make_shared<Feasibility>();
   bench_.jobs.run_latest(
       "check", [checker = checker_, t, found](JobContext&) { *found = checker->check(t); },
-      [this, found] { show_constraints(*found); });
+      [this, found, checker = checker_] {
+        if (checker == checker_) show_constraints(*found);
+      });
 }
 
 void TransformPanel::show_constraints(const Feasibility& f) {
+  films_->show_spaces(f.joints);
   const char* kVerdicts[] = {"Yes: a splint can hold it", "Yes, with apertures", "No: not realizable"};
   verdict_->setText(kVerdicts[static_cast<std::size_t>(f.verdict)]);
   constraints_->setRowCount(static_cast<int>(f.constraints.size()));

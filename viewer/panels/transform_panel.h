@@ -6,8 +6,8 @@
 #include <memory>
 #include <optional>
 
-#include "anatomy/realizability.h"
 #include "viewer/model/readout.h"
+#include "viewer/panels/condyle_films.h"
 #include "viewer/panels/panel.h"
 #include "viewer/widgets/parts.h"
 
@@ -21,6 +21,7 @@ namespace gnathion {
 class TransformPanel : public Panel {
  public:
   explicit TransformPanel(Workbench& bench);
+  QWidget* strip() override { return films_; }
   void enter() override;
   void leave() override;
   std::set<std::string> first_layers() const override {
@@ -42,6 +43,8 @@ class TransformPanel : public Panel {
   void take_file(const QString& path);
   void take_typed(const QString& text);
   void take_motion();
+  void make_checkers();
+  void take_joints(std::shared_ptr<const PatientJoints> joints);
   void check();
   void show_constraints(const Feasibility& f);
   void show_manipulator();
@@ -53,6 +56,7 @@ class TransformPanel : public Panel {
   QCheckBox* handle_box_;
   QLabel *source_, *error_, *readout_, *verdict_;
   QTableWidget* constraints_;
+  CondyleFilms* films_;
   std::vector<Vector3> where_mm_;
   std::optional<IncisalEdges> edges_;
   std::shared_ptr<const RealizabilityChecker> checker_;

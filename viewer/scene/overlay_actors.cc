@@ -89,14 +89,14 @@ vtkSmartPointer<vtkProp> arrow_actor(const Overlay::Arrow& arrow) {
   return actor;
 }
 
-vtkSmartPointer<vtkProp> label_actor(const Overlay::Label& label, double scale) {
+vtkSmartPointer<vtkProp> label_actor(const Overlay::Label& label) {
   auto actor = vtkSmartPointer<vtkBillboardTextActor3D>::New();
   actor->SetInput(label.text.c_str());
   actor->SetPosition(label.at_mm.x(), label.at_mm.y(), label.at_mm.z());
   vtkTextProperty* text = actor->GetTextProperty();
   text->SetFontFamilyToArial();
   text->SetBold(true);
-  text->SetFontSize(static_cast<int>(label.size_px * scale));
+  text->SetFontSize(label.size_px);
   text->SetColor(label.color[0], label.color[1], label.color[2]);
   text->SetJustificationToCentered();
   text->SetVerticalJustificationToCentered();
@@ -116,7 +116,7 @@ std::vector<vtkSmartPointer<vtkProp>> overlay_actors(const Overlay& overlay, dou
     if (line.points_mm.size() > 1) out.push_back(line_actor(line, scale));
   for (const auto& ball : overlay.balls) out.push_back(ball_actor(ball));
   for (const auto& arrow : overlay.arrows) out.push_back(arrow_actor(arrow));
-  for (const auto& label : overlay.labels) out.push_back(label_actor(label, scale));
+  for (const auto& label : overlay.labels) out.push_back(label_actor(label));
   return out;
 }
 

@@ -28,6 +28,9 @@ namespace gnathion {
 /// All layers together stay at 20 frames a second with software rendering (docs/viewer.md has the figures).
 inline constexpr std::size_t kCoarseTriangles = 22000;  ///< of one layer
 inline constexpr int kRestMs = 220;                     ///< after the last movement: full detail
+/// Pixels of a picture while something moves, where the processor draws them: the rest of the view is
+/// stretched.
+inline constexpr double kMovingPixels = 240000;
 
 struct Scene3d::Impl {
   Impl(Scene3d& view, LayerModel& l, JobRunner& j, const char* n) : self(view), layers(l), jobs(j), name(n) {}
@@ -46,6 +49,10 @@ struct Scene3d::Impl {
   void build_actor(const std::string& id);
   void apply_look(const std::string& id);
   void set_moving(bool on);
+  void begin_picture();
+  void end_picture();
+  double moving_detail();
+  void set_detail(double wanted);
   void start_interaction();
   void stop_interaction();
   void start_plane();
@@ -66,12 +73,15 @@ struct Scene3d::Impl {
   vtkNew<vtkInteractorStyleTrackballCamera> style;
   vtkNew<vtkImplicitPlaneRepresentation> representation;
   vtkNew<vtkImplicitPlaneWidget2> plane_widget;
-  vtkNew<vtkCallbackCommand> plane_callback, motion_callback;
+  vtkNew<vtkCallbackCommand> plane_callback, motion_callback, draw_callback;
   std::map<std::string, Drawn> drawn;
   std::map<std::string, std::pair<bool, std::vector<vtkSmartPointer<vtkProp>>>> overlays;
   std::unique_ptr<QObject> filter;
   Scene3d* linked = nullptr;
   QTimer rest;
+  double detail = 1.0;  ///< of the picture's width and height that is drawn
+  QSize view_px;
+  std::optional<bool> drawn_by_processor;
   bool moving = false, scheduled = false, placed = false, full_allowed = true, interacting = false;
   SectionPlane plane;
   Vector3 plane_up = Vector3::UnitZ();

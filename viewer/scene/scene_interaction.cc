@@ -38,6 +38,14 @@ class MouseFilter : public QObject {
 
 void Scene3d::Impl::start_interaction() {
   window->GetInteractor()->SetInteractorStyle(style);
+  // Whoever wants a picture drawn, the camera's style, a widget or this view, it is drawn with these bounds.
+  draw_callback->SetClientData(this);
+  draw_callback->SetCallback([](vtkObject*, unsigned long event, void* data, void*) {
+    Impl& s = *static_cast<Impl*>(data);
+    event == vtkCommand::StartEvent ? s.begin_picture() : s.end_picture();
+  });
+  for (const auto event : {vtkCommand::StartEvent, vtkCommand::EndEvent})
+    window->AddObserver(event, draw_callback);
   rest.setSingleShot(true);
   rest.setInterval(kRestMs);
   QObject::connect(&rest, &QTimer::timeout, [this] {
@@ -68,6 +76,7 @@ void Scene3d::Impl::start_interaction() {
 void Scene3d::Impl::stop_interaction() {
   rest.stop();
   style->RemoveObserver(motion_callback);
+  window->RemoveObserver(draw_callback);
   plane_widget->RemoveObserver(plane_callback);
   plane_widget->SetEnabled(false);
   filter.reset();

@@ -49,7 +49,7 @@ void SceneOverlayWidget::paintEvent(QPaintEvent*) {
 }
 
 void SceneOverlayWidget::draw_scale(QPainter& painter) const {
-  const int bar_h = std::min(220, height() - 120), bar_w = 16;
+  const int bar_h = std::min({150, height() / 3, height() - 120}), bar_w = 16;
   if (bar_h < 60) return;
   painter.setFont(QFont(font().family(), 9));
   const QFontMetrics metrics = painter.fontMetrics();

@@ -194,7 +194,47 @@ void Scene3d::render_now() {
   s.renderer->SetUseFXAA(!s.moving);
   s.renderer->ResetCameraClippingRange();
   s.window->Render();
-  s.overlay_widget->update();
+}
+
+/// The framebuffer has `detail` of the view's width and height, and Qt stretches it; everyone else, the mouse
+/// above all, goes on to see a window of the view's size.
+void Scene3d::Impl::begin_picture() {
+  set_detail(moving ? moving_detail() : 1.0);
+  view_px = {window->GetSize()[0], window->GetSize()[1]};
+  if (detail < 1.0)
+    window->SetSize(std::max(1, static_cast<int>(std::lround(view_px.width() * detail))),
+                    std::max(1, static_cast<int>(std::lround(view_px.height() * detail))));
+}
+
+void Scene3d::Impl::end_picture() {
+  if (detail < 1.0) window->SetSize(view_px.width(), view_px.height());
+}
+
+double Scene3d::Impl::moving_detail() {
+  if (!drawn_by_processor) {
+    const char* capabilities = window->ReportCapabilities();
+    const std::string text = capabilities ? capabilities : "";
+    drawn_by_processor = false;
+    for (const char* driver : {"llvmpipe", "softpipe", "swrast"})
+      if (text.find(driver) != std::string::npos) drawn_by_processor = true;
+  }
+  if (!*drawn_by_processor) return 1.0;
+  const double pixels = 1.0 * window->GetSize()[0] * window->GetSize()[1];
+  return std::clamp(std::sqrt(kMovingPixels / std::max(1.0, pixels)), 0.25, 1.0);
+}
+
+/// Lines and letters keep their size on the screen.
+void Scene3d::Impl::set_detail(double wanted) {
+  if (wanted == detail) return;
+  const double factor = wanted / detail;
+  for (const auto& [id, overlay] : overlays)
+    for (const auto& prop : overlay.second)
+      if (auto* actor = vtkActor::SafeDownCast(prop))
+        actor->GetProperty()->SetLineWidth(static_cast<float>(actor->GetProperty()->GetLineWidth() * factor));
+  constexpr double kDotsPerInch = 72;  // of VTK's letters on a plain screen
+  window->SetDPI(static_cast<int>(std::lround(kDotsPerInch * widget->devicePixelRatioF() * wanted)));
+  representation->SetHandleSize(representation->GetHandleSize() * factor);
+  detail = wanted;
 }
 
 bool Scene3d::settled() const {
@@ -284,7 +324,7 @@ void Scene3d::set_overlay(const std::string& overlay_name, Overlay overlay) {
   clear_overlay(overlay_name);
   auto& into = impl_->overlays[overlay_name];
   into.first = overlay.on_top;
-  into.second = overlay_actors(overlay, impl_->widget->devicePixelRatioF());
+  into.second = overlay_actors(overlay, impl_->widget->devicePixelRatioF() * impl_->detail);
   for (const auto& actor : into.second) (overlay.on_top ? impl_->front : impl_->renderer)->AddViewProp(actor);
   render();
 }

@@ -12,6 +12,8 @@ class CameraView : public QWidget {
  public:
   explicit CameraView(QWidget* parent = nullptr);
   void show_preview(const client::Preview& preview);
+  std::size_t tags() const { return preview_.tags.size(); }  ///< outlines in the picture that shows
+  const QString& facts() const { return facts_; }
   void set_facts(const QString& line);  ///< rate, drops, latency
 
  protected:

@@ -14,6 +14,23 @@ QString shown(std::string name) {
   return text.replace(" mi", " MI").replace(" tp", " TP");
 }
 
+/// The place along an edge, or a little beside it, where a label covers least of what is there already.
+QRectF free_place(QRectF label, const QPointF& from, const QPointF& to, const std::vector<QRectF>& taken) {
+  double least = 1e300;
+  QRectF best = label;
+  for (const double along : {0.5, 0.42, 0.58, 0.34, 0.66})
+    for (const double beside_px : {0.0, 12.0, -12.0}) {
+      label.moveCenter(from + along * (to - from) + QPointF(0, beside_px));
+      double covered = 0.4 * std::abs(beside_px) + 20 * std::abs(along - 0.5);
+      for (const QRectF& other : taken) {
+        const QRectF both = label.intersected(other);
+        covered += both.width() * both.height();
+      }
+      if (covered < least) least = covered, best = label;
+    }
+  return best;
+}
+
 }  // namespace
 
 FramesView::FramesView(QWidget* parent) : QWidget(parent) {
@@ -74,7 +91,11 @@ void FramesView::paintEvent(QPaintEvent*) {
   }
   const auto at = places();
   painter.setFont(QFont(font().family(), 8));
-  std::vector<std::pair<QPointF, QString>> labels;
+  struct EdgeLabel {
+    QPointF from, to;
+    QString text;
+  };
+  std::vector<EdgeLabel> labels;
   for (std::size_t i = 0; i < graph_->edges().size(); ++i) {
     const FrameEdge& e = graph_->edges()[i];
     const QPointF a = at.at(e.from), b = at.at(e.to);
@@ -86,13 +107,15 @@ void FramesView::paintEvent(QPaintEvent*) {
     painter.drawLine(a, b);
     const QString text =
         at_teeth_mm_[i] ? QString("%1 mm").arg(*at_teeth_mm_[i], 0, 'f', 3) : QString("error unknown");
-    labels.emplace_back(a + (i % 2 ? 0.42 : 0.58) * (b - a), text);
+    labels.push_back({a, b, text});
   }
   painter.setFont(QFont(font().family(), 9, QFont::DemiBold));
+  std::vector<QRectF> taken;
   for (const auto& [name, p] : at) {
     QRectF box = painter.fontMetrics().boundingRect(shown(name)).adjusted(-8, -4, 8, 4);
     box.moveCenter(p);
     box.moveLeft(std::clamp(box.left(), 2.0, width() - box.width() - 2));
+    taken.push_back(box);
     const bool home = name == "dental";
     painter.setPen(QPen(QColor(60, 84, 115), 1.2));
     painter.setBrush(home ? QColor(35, 82, 130) : QColor(233, 239, 246));
@@ -101,12 +124,13 @@ void FramesView::paintEvent(QPaintEvent*) {
     painter.drawText(box, Qt::AlignCenter, shown(name));
   }
   painter.setFont(QFont(font().family(), 8));
-  for (const auto& [p, text] : labels) {
-    QRectF box = painter.fontMetrics().boundingRect(text);
-    box.moveCenter(p);
-    painter.fillRect(box.adjusted(-3, 0, 3, 0), QColor(255, 255, 255, 235));
+  for (const EdgeLabel& label : labels) {
+    const QRectF box = free_place(painter.fontMetrics().boundingRect(label.text).adjusted(-3, 0, 3, 0),
+                                  label.from, label.to, taken);
+    taken.push_back(box);
+    painter.fillRect(box, QColor(255, 255, 255, 235));
     painter.setPen(QColor(60, 66, 78));
-    painter.drawText(box, Qt::AlignCenter, text);
+    painter.drawText(box, Qt::AlignCenter, label.text);
   }
 }
 

@@ -1,8 +1,10 @@
 #include "viewer/widgets/timeline.h"
 
+#include <QHelpEvent>
 #include <QMouseEvent>
 #include <QPainter>
 #include <QPainterPath>
+#include <QToolTip>
 #include <QWheelEvent>
 #include <algorithm>
 #include <cmath>
@@ -10,15 +12,17 @@
 namespace gnathion {
 namespace {
 
-constexpr int kLeft = 46, kRight = 12, kTop = 20, kBottom = 22;
-const QColor kInk(28, 36, 48), kTick(96, 103, 116), kCurve(0, 92, 150);
+constexpr int kLeft = 46, kRight = 12, kTop = 20, kBottom = 32, kRestBar = 8;
+const QColor kInk(28, 36, 48), kTick(96, 103, 116), kCurve(0, 92, 150), kRest(120, 94, 170);
 
 }  // namespace
 
 Timeline::Timeline(QWidget* parent) : QWidget(parent) {
   setObjectName("timeline");
   setMinimumHeight(110);
-  setToolTip("Click or drag: go there. Shift and drag: choose an interval. Wheel: zoom. Double click: all.");
+  setToolTip(
+      "Click or drag: go there. Shift and drag: choose an interval. "
+      "Violet bars: rests that were found; click one to choose it. Wheel: zoom. Double click: all.");
 }
 
 void Timeline::set_samples(std::vector<Sample> samples) {
@@ -35,6 +39,33 @@ void Timeline::set_samples(std::vector<Sample> samples) {
 void Timeline::set_bands(std::vector<TimelineBand> bands) {
   bands_ = std::move(bands);
   update();
+}
+
+void Timeline::set_rests(std::vector<TimelineRest> rests) {
+  rests_ = std::move(rests);
+  update();
+}
+
+double Timeline::rest_bar_y() const {
+  return height() - kBottom + 2 + 0.5 * kRestBar;
+}
+
+const TimelineRest* Timeline::rest_at(const QPointF& px) const {
+  if (std::abs(px.y() - rest_bar_y()) > 0.5 * kRestBar + 2) return nullptr;
+  for (const TimelineRest& r : rests_)
+    if (px.x() >= x_of(r.start_s) - 2 && px.x() <= x_of(r.end_s) + 2) return &r;
+  return nullptr;
+}
+
+bool Timeline::event(QEvent* event) {
+  if (event->type() == QEvent::ToolTip) {
+    const auto* help = static_cast<QHelpEvent*>(event);
+    if (const TimelineRest* rest = rest_at(help->pos())) {
+      QToolTip::showText(help->globalPos(), rest->tip, this);
+      return true;
+    }
+  }
+  return QWidget::event(event);
 }
 
 void Timeline::set_time(double time_s) {
@@ -97,7 +128,7 @@ void Timeline::draw_axis(QPainter& painter) const {
     painter.drawLine(QPointF(x_of(t), kTop), QPointF(x_of(t), kTop + h));
     painter.setPen(kTick);
     const QString text = QString::number(t, 'f', step < 1 ? 1 : 0) + " s";
-    painter.drawText(QRectF(x_of(t) - 30, kTop + h + 3, 60, 14), Qt::AlignCenter, text);
+    painter.drawText(QRectF(x_of(t) - 30, height() - 16, 60, 14), Qt::AlignCenter, text);
   }
   painter.setPen(kTick);
   const int every = high_mm_ - low_mm_ > 25 ? 10 : high_mm_ - low_mm_ > 12 ? 5 : 2;
@@ -106,6 +137,33 @@ void Timeline::draw_axis(QPainter& painter) const {
     painter.drawText(QRectF(2, y - 7, kLeft - 8, 14), Qt::AlignRight | Qt::AlignVCenter,
                      mm == 0 ? "0 mm" : QString::number(mm));
   }
+}
+
+/// Bands that follow closely share the height of the labels: a label that would cover another is left out.
+void Timeline::draw_bands(QPainter& painter) const {
+  const double h = height() - kTop - kBottom;
+  painter.setFont(QFont(font().family(), 8, QFont::DemiBold));
+  const QFontMetrics metrics(painter.font());
+  double free_from = -1e9;
+  for (const TimelineBand& b : bands_) {
+    QColor fill = b.color;
+    fill.setAlpha(45);
+    const QRectF box(x_of(b.start_s), kTop, std::max(2.0, x_of(b.end_s) - x_of(b.start_s)), h);
+    painter.fillRect(box, fill);
+    const double wide = std::max(box.width(), metrics.horizontalAdvance(b.label) + 6.0);
+    if (box.left() < free_from) {
+      painter.fillRect(QRectF(box.left(), kTop - 3, box.width(), 3), b.color);
+      continue;
+    }
+    painter.fillRect(QRectF(box.left(), kTop - 16, wide, 15), b.color);
+    painter.setPen(Qt::white);
+    painter.drawText(QRectF(box.left() + 3, kTop - 16, wide, 15), Qt::AlignLeft | Qt::AlignVCenter, b.label);
+    free_from = box.left() + wide;
+  }
+  for (const TimelineRest& r : rests_)
+    painter.fillRect(QRectF(x_of(r.start_s), rest_bar_y() - 0.5 * kRestBar,
+                            std::max(3.0, x_of(r.end_s) - x_of(r.start_s)), kRestBar),
+                     kRest);
 }
 
 void Timeline::paintEvent(QPaintEvent*) {
@@ -120,17 +178,7 @@ void Timeline::paintEvent(QPaintEvent*) {
   draw_axis(painter);
   painter.setClipRect(QRect(kLeft, 0, width() - kLeft - kRight + 1, height()));
   const double h = height() - kTop - kBottom;
-  painter.setFont(QFont(font().family(), 8, QFont::DemiBold));
-  for (const TimelineBand& b : bands_) {
-    QColor fill = b.color;
-    fill.setAlpha(45);
-    const QRectF box(x_of(b.start_s), kTop, std::max(2.0, x_of(b.end_s) - x_of(b.start_s)), h);
-    painter.fillRect(box, fill);
-    painter.fillRect(QRectF(box.left(), kTop - 16, std::max(box.width(), 20.0), 15), b.color);
-    painter.setPen(Qt::white);
-    painter.drawText(QRectF(box.left() + 3, kTop - 16, std::max(box.width(), 20.0), 15),
-                     Qt::AlignLeft | Qt::AlignVCenter, b.label);
-  }
+  draw_bands(painter);
   painter.setRenderHint(QPainter::Antialiasing);
   draw_curve(painter);
   if (selection_) {
@@ -148,6 +196,13 @@ void Timeline::paintEvent(QPaintEvent*) {
 
 void Timeline::mousePressEvent(QMouseEvent* event) {
   if (samples_.empty() || event->button() != Qt::LeftButton) return;
+  if (const TimelineRest* rest = rest_at(event->localPos())) {
+    selecting_ = false;
+    const auto chosen = std::pair{rest->start_s, rest->end_s};
+    set_time(0.5 * (chosen.first + chosen.second));
+    if (scrubbed) scrubbed(time_s_);
+    return set_selection(chosen);
+  }
   selecting_ = event->modifiers() & Qt::ShiftModifier;
   anchor_s_ = time_at(event->localPos().x());
   if (selecting_) return;

@@ -1,0 +1,134 @@
+// The window joined to a real daemon: live pictures with tags, a take with marks, the daemon gone and back.
+#include <gtest/gtest.h>
+#include <vtkAutoInit.h>
+
+#include <QVTKOpenGLNativeWidget.h>
+#include <QApplication>
+#include <QLabel>
+#include <QListWidget>
+#include <QPushButton>
+#include <QSurfaceFormat>
+#include <QTabBar>
+#include <QTableWidget>
+#include <QTest>
+
+#include "core/camera_model.h"
+#include "core/file.h"
+#include "core/mesh_io.h"
+#include "phantom/patient.h"
+#include "tests/daemon/daemon_process.h"
+#include "viewer/main_window.h"
+#include "viewer/widgets/camera_view.h"
+
+VTK_MODULE_INIT(vtkRenderingOpenGL2)
+VTK_MODULE_INIT(vtkRenderingFreeType)
+VTK_MODULE_INIT(vtkInteractionStyle)
+
+namespace gnathion::testing {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr int kPatienceMs = 120000;
+
+template <class Condition>
+bool wait(Condition condition) {
+  return QTest::qWaitFor(condition, kPatienceMs);
+}
+
+constexpr std::uint64_t kSeed = 5;
+
+/// A case with jaws and rig of the virtual patient that stands before the daemon's cameras.
+void write_case(const fs::path& folder) {
+  const PhantomPatient patient = make_phantom_patient(kSeed);
+  fs::create_directories(folder / "scans");
+  ASSERT_TRUE(write_mesh(folder / "scans/maxilla.ply", patient.jaws.maxilla));
+  ASSERT_TRUE(write_mesh(folder / "scans/mandible.ply", patient.jaws.mandible_mi));
+  ASSERT_TRUE(write_rig(folder / "rig.toml", phantom_rig(patient)));
+  ASSERT_TRUE(write_file(folder / "case.toml",
+                         "[case]\nid = \"case-live\"\n[scans]\nmaxilla_mi = \"scans/maxilla.ply\"\n"
+                         "mandible_mi = \"scans/mandible.ply\"\n[session]\nrig = \"rig.toml\"\n"));
+}
+
+int pixels_like(const QImage& image, const QColor& wanted) {
+  int n = 0;
+  for (int y = 0; y < image.height(); ++y)
+    for (int x = 0; x < image.width(); ++x) {
+      const QColor c(image.pixel(x, y));
+      n += std::abs(c.red() - wanted.red()) + std::abs(c.green() - wanted.green()) +
+               std::abs(c.blue() - wanted.blue()) <
+           60;
+    }
+  return n;
+}
+
+TEST(ViewerLive, CapturesATakeAndFindsTheDaemonAgain) {
+  const TemporaryFolder folder;
+  DaemonProcess daemon(folder.path());
+  write_case(daemon.cases() / "case-live");
+  ASSERT_TRUE(daemon.start()) << daemon.log();
+  {
+    const auto client = daemon.connect();
+    ASSERT_TRUE(client);
+    const auto set = client->configure_devices("[[device]]\nkind = \"phantom\"\nname = \"phantom\"\nseed = " +
+                                               std::to_string(kSeed) + "\nduration_s = 900\nrate_hz = 3\n");
+    ASSERT_TRUE(set) << set.error().line();
+  }
+  WindowOptions options;
+  options.socket = daemon.socket();
+  options.connect = [](const std::string& socket) { return client::DaemonClient::connect(socket); };
+  MainWindow window(options);
+  window.show();
+  ASSERT_TRUE(QTest::qWaitForWindowExposed(&window));
+  window.open(daemon.cases() / "case-live");
+  ASSERT_TRUE(wait([&] { return !window.loading() && window.open_s() > 0; }));
+  const auto click = [](QWidget* w) { QTest::mouseClick(w, Qt::LeftButton, {}, w->rect().center()); };
+  auto* record = window.findChild<QPushButton*>("recordButton");
+  auto* live = window.findChild<QPushButton*>("liveButton");
+  auto* state = window.findChild<QLabel*>("captureState");
+  auto* takes = window.findChild<QListWidget*>("takeList");
+  window.findChild<QTabBar*>("steps")->setCurrentIndex(0);
+  ASSERT_TRUE(wait([&] { return record->isEnabled(); })) << state->text().toStdString();
+  EXPECT_FALSE(window.findChild<QPushButton*>("markMi")->isEnabled()) << "a mark without a recording";
+
+  click(live);
+  const auto camera = [&]() -> CameraView* { return window.findChild<CameraView*>("camera_camera_0"); };
+  ASSERT_TRUE(wait([&] { return camera() && camera()->tags() >= 4; })) << state->text().toStdString();
+  const QImage shown = camera()->grab().toImage();
+  EXPECT_GT(pixels_like(shown, QColor(40, 210, 140)) + pixels_like(shown, QColor(255, 170, 40)), 60)
+      << "no outlines of tags in the picture";
+  EXPECT_TRUE(wait([&] { return window.findChild<QLabel*>("bowState")->text().startsWith("✓"); }));
+  EXPECT_TRUE(wait([&] { return window.findChild<QLabel*>("headState")->text().startsWith("✓"); }));
+  EXPECT_TRUE(wait([&] { return window.findChild<QTableWidget*>("deviceTable")->rowCount() > 0; }));
+  EXPECT_TRUE(wait([&] { return camera()->facts().contains("Hz"); })) << "no rate beside the picture";
+
+  click(record);
+  ASSERT_TRUE(wait([&] { return state->text().startsWith("Recording"); })) << state->text().toStdString();
+  click(window.findChild<QPushButton*>("markMi"));
+  EXPECT_TRUE(wait([&] { return state->text().contains(QRegExp("marks: [1-9]")); }))
+      << state->text().toStdString();
+  window.grab().save(QString::fromStdString((folder.path() / "capture.png").string()));
+  if (const char* keep = std::getenv("GNATHION_PICTURES"))
+    window.grab().save(QString(keep) + "/viewer_live.png");
+  click(record);
+  EXPECT_TRUE(wait([&] { return takes->count() && takes->item(0)->text().contains("recording_001"); }));
+  EXPECT_TRUE(wait([&] { return state->text().startsWith("Armed"); })) << state->text().toStdString();
+
+  daemon.kill_and_wait();
+  EXPECT_TRUE(wait([&] { return state->text().contains("went away"); })) << state->text().toStdString();
+  EXPECT_FALSE(record->isEnabled());
+  EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
+  ASSERT_TRUE(daemon.start()) << daemon.log();
+  EXPECT_TRUE(wait([&] { return record->isEnabled(); })) << "the daemon is back, and was not found";
+}
+
+}  // namespace
+}  // namespace gnathion::testing
+
+int main(int argc, char** argv) {
+  ::testing::InitGoogleTest(&argc, argv);
+  QSurfaceFormat format = QVTKOpenGLNativeWidget::defaultFormat();
+  format.setSamples(0);
+  QSurfaceFormat::setDefaultFormat(format);
+  QApplication app(argc, argv);
+  return RUN_ALL_TESTS();
+}
