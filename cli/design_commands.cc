@@ -87,6 +87,7 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
       ->capture_default_str();
   command->add_flag("--no-pictures", o->no_pictures, "leave the pictures out");
   add_parameter_options(*command, o->parameters);
+  add_edit_options(*command, o->parameters);
   CLI::App* ladder = command->add_subcommand(
       "ladder", "one splint for each engagement and gap, to find what a printer needs; options as of design");
   ladder->fallthrough();

@@ -1,5 +1,8 @@
 #include "cli/parameter_options.h"
 
+#include <algorithm>
+#include <sstream>
+
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -17,6 +20,15 @@ void add_parameter_options(CLI::App& command, ParameterOptions& o) {
                      "one parameter, design.NAME=VALUE; repeatable. Defaults and ranges:" + names);
 }
 
+void add_edit_options(CLI::App& command, ParameterOptions& o) {
+  command.add_option("--tooth", o.teeth,
+                     "corrects the teeth found: 16=missing, or 24=x,y,z (a point on it, mm); repeatable");
+  command.add_option("--margin", o.margins,
+                     "margin curve to trim at instead of the cutting plane: a text file, x y z (mm) a line; "
+                     "repeatable");
+  command.add_option("--label", o.label, "text to emboss where there is room");
+}
+
 Result<SplintParameters> effective_parameters(const ParameterOptions& o, const SplintParameters& base) {
   SplintParameters p = base;
   if (!o.config.empty()) {
@@ -27,11 +39,49 @@ Result<SplintParameters> effective_parameters(const ParameterOptions& o, const S
   return p;
 }
 
+namespace {
+
+/// The points of a text file, one a line; lines with # are comments.
+Result<MarginCurve> read_margin(const std::string& path) {
+  GNATHION_TRY(const std::string text, read_file(path));
+  MarginCurve margin;
+  std::istringstream lines(text);
+  std::string line;
+  for (int number = 1; std::getline(lines, line); ++number) {
+    std::replace(line.begin(), line.end(), ',', ' ');
+    if (line.find_first_not_of(" \t\r") == std::string::npos || line[0] == '#') continue;
+    std::istringstream words(line);
+    Vector3 p;
+    std::string more;
+    if (!(words >> p.x() >> p.y() >> p.z()) || words >> more || !p.allFinite())
+      return bad_input("cannot read margin", fmt::format("{}:{}", path, number),
+                       "not three numbers (x y z, mm)");
+    margin.points_mm.push_back(p);
+  }
+  if (margin.points_mm.size() < 2)
+    return bad_input("cannot read margin", path, "two points or more are needed");
+  return margin;
+}
+
+}  // namespace
+
 Result<SplintEdits> effective_edits(const ParameterOptions& o, const SplintEdits& base) {
-  if (o.config.empty()) return base;
-  GNATHION_TRY(const std::string text, read_file(o.config));
-  GNATHION_TRY(SplintEdits edits, parse_edits(text, o.config));
-  return edits.empty() ? base : edits;
+  SplintEdits edits = base;
+  if (!o.config.empty()) {
+    GNATHION_TRY(const std::string text, read_file(o.config));
+    GNATHION_TRY(SplintEdits drawn, parse_edits(text, o.config));
+    if (!drawn.empty()) edits = std::move(drawn);
+  }
+  for (const std::string& tooth : o.teeth) GNATHION_CHECK_OK(add_tooth_correction(edits.teeth, tooth));
+  for (const std::string& path : o.margins) {
+    GNATHION_TRY(MarginCurve margin, read_margin(path));
+    edits.margins.push_back(std::move(margin));
+  }
+  if (!o.label.empty()) {
+    GNATHION_CHECK_OK(check_label(o.label));
+    edits.label = o.label;
+  }
+  return edits;
 }
 
 }  // namespace gnathion

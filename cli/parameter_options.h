@@ -17,8 +17,13 @@ namespace gnathion {
 struct ParameterOptions {
   std::string config;
   std::vector<std::string> set;
+  std::vector<std::string> teeth;    ///< "16=missing", "24=x,y,z"
+  std::vector<std::string> margins;  ///< files of points
+  std::string label;
 };
 void add_parameter_options(CLI::App& command, ParameterOptions& o);
+/// --tooth, --margin, --label: edits by hand over those of the --config file.
+void add_edit_options(CLI::App& command, ParameterOptions& o);
 
 Result<SplintParameters> effective_parameters(const ParameterOptions& o, const SplintParameters& base = {});
 /// Edits of the --config file; they take the place of `base` where there are any.

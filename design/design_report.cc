@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/transform_io.h"
+#include "design/label.h"
 #include "design/splint.h"
 
 namespace gnathion {
@@ -91,6 +92,16 @@ json seating_facts(const std::optional<PredictedSeating>& seating) {
           {"play_mm", seating->play_mm}};
 }
 
+json label_facts(const std::optional<EmbossedLabel>& label) {
+  if (!label) return nullptr;
+  return {{"text", label->text},
+          {"side", label->buccal ? "buccal" : "oral"},
+          {"letter_mm", label->letter_mm},
+          {"width_mm", label->width_mm},
+          {"proud_mm", Label::kProudMm},
+          {"centre_mm", point(label->centre_mm)}};
+}
+
 const char* arch_name(Arch arch) {
   return arch == Arch::kMaxilla ? "maxilla" : "mandible";
 }
@@ -137,6 +148,7 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
           {"seat_gap_mm",
            {{"min", v.seat_gap.min_mm}, {"median", v.seat_gap.median_mm}, {"max", v.seat_gap.max_mm}}},
           {"edits", edits_json(design.edits)},
+          {"label", label_facts(design.label)},
           {"arch", arch_name(design.worn_on)},
           {"insertion", insertion_facts(design)},
           {"maxilla_penetration_mm", v.maxilla_penetration_mm},

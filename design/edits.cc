@@ -104,6 +104,63 @@ Result<std::vector<Region>> regions_of(const toml::table& design, const char* na
   return out;
 }
 
+bool is_fdi(std::int64_t number) {
+  return number >= 11 && number <= 48 && number % 10 >= 1 && number % 10 <= 8;
+}
+
+Status add_tooth(const toml::table& entry, const std::string& where, ToothCorrections& teeth) {
+  GNATHION_CHECK_OK(only_keys(entry, {"fdi", "missing", "at_mm"}, where));
+  const auto fdi = entry["fdi"].value<std::int64_t>();
+  if (!fdi || !is_fdi(*fdi))
+    return bad_input(kWhat, where, "fdi is not a permanent tooth's number (11 to 48)");
+  const bool missing = entry["missing"].value_or(false);
+  if (missing == entry.contains("at_mm"))
+    return bad_input(kWhat, where, "give either missing = true or at_mm, a point on that tooth");
+  const auto number = static_cast<std::uint8_t>(*fdi);
+  if (missing) {
+    teeth.missing.push_back(number);
+    return {};
+  }
+  const toml::array* at = entry["at_mm"].as_array();
+  if (!at || at->size() != 3) return bad_input(kWhat, where, "at_mm is [x, y, z] in mm");
+  ToothCorrections::Label label{number, {}};
+  for (int d = 0; d < 3; ++d) {
+    const auto value = at->get(static_cast<std::size_t>(d))->value<double>();
+    if (!value || !std::isfinite(*value)) return bad_input(kWhat, where, "at_mm is [x, y, z] in mm");
+    label.at_mm[d] = *value;
+  }
+  teeth.labels.push_back(label);
+  return {};
+}
+
+Status no_contradiction(const ToothCorrections& teeth, const std::string& where) {
+  for (const auto& label : teeth.labels)
+    if (std::find(teeth.missing.begin(), teeth.missing.end(), label.fdi) != teeth.missing.end())
+      return bad_input(kWhat, where, fmt::format("tooth {} is missing and has a place", label.fdi));
+  return {};
+}
+
+/// Teeth, margins and the label.
+Status add_marks(const toml::table& design, const std::string& name, SplintEdits& edits) {
+  GNATHION_TRY(const auto teeth, entries_of(design, "tooth", name));
+  for (const auto& [entry, where] : teeth) GNATHION_CHECK_OK(add_tooth(*entry, where, edits.teeth));
+  GNATHION_CHECK_OK(no_contradiction(edits.teeth, name + ": design.tooth"));
+  GNATHION_TRY(const auto margins, entries_of(design, "margin", name));
+  for (const auto& [entry, where] : margins) {
+    GNATHION_CHECK_OK(only_keys(*entry, {"points_mm"}, where));
+    MarginCurve margin;
+    GNATHION_TRY(margin.points_mm, points_of(*entry, "points_mm", 2, where));
+    edits.margins.push_back(std::move(margin));
+  }
+  if (!design.contains("label")) return {};
+  const auto text = design["label"].value<std::string>();
+  if (!text) return bad_input(kWhat, name + ": design.label", "not a text");
+  if (const Status fits = check_label(*text); !fits)
+    return bad_input(kWhat, name + ": design.label", fits.error().why);
+  edits.label = *text;
+  return {};
+}
+
 double distance_to_path_mm(const std::vector<Vector3>& path, const Vector3& p) {
   double least = (p - path.front()).norm();
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
@@ -157,7 +214,55 @@ Result<SplintEdits> parse_edits(std::string_view text, const std::string& name) 
   }
   GNATHION_TRY(edits.cutouts, regions_of(*design, "cutout", name));
   GNATHION_TRY(edits.contacts, regions_of(*design, "contact", name));
+  GNATHION_CHECK_OK(add_marks(*design, name, edits));
   return edits;
+}
+
+Status check_label(const std::string& text) {
+  const auto known = [](char c) {
+    return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
+           std::string_view(" .-_#/:+").find(c) != std::string_view::npos;
+  };
+  if (text.empty() || text.size() > 24 || !std::all_of(text.begin(), text.end(), known) ||
+      text.find_first_not_of(' ') == std::string::npos)
+    return fail(ErrorCode::kUsage, "cannot design", "label",
+                "write 1 to 24 letters (A to Z), digits, spaces and . - _ # / : +");
+  return {};
+}
+
+Status add_tooth_correction(ToothCorrections& teeth, const std::string& text) {
+  const auto refuse = [&](const char* why) {
+    return fail(ErrorCode::kUsage, "cannot design", "tooth " + text, why);
+  };
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos) return refuse("write 16=missing or 24=x,y,z");
+  const std::string value = text.substr(equals + 1);
+  const std::string at = value == "missing" ? "missing = true" : "at_mm = [" + value + "]";
+  const toml::parse_result parsed = toml::parse("fdi = " + text.substr(0, equals) + "\n" + at);
+  if (!parsed) return refuse("write 16=missing or 24=x,y,z");
+  const Status added = add_tooth(parsed.table(), "tooth " + text, teeth);
+  if (!added) return fail(ErrorCode::kUsage, "cannot design", added.error().where, added.error().why);
+  const Status sound = no_contradiction(teeth, "tooth " + text);
+  if (!sound) return fail(ErrorCode::kUsage, "cannot design", sound.error().where, sound.error().why);
+  return {};
+}
+
+std::string marks_toml(const SplintEdits& edits) {
+  const auto numbers = [](const Vector3& p) {
+    return fmt::format("[{:.4f}, {:.4f}, {:.4f}]", p.x(), p.y(), p.z());
+  };
+  std::string out;
+  if (!edits.label.empty()) out += fmt::format("[design]\nlabel = \"{}\"\n", edits.label);
+  for (const std::uint8_t fdi : edits.teeth.missing)
+    out += fmt::format("[[design.tooth]]\nfdi = {}\nmissing = true\n", fdi);
+  for (const ToothCorrections::Label& label : edits.teeth.labels)
+    out += fmt::format("[[design.tooth]]\nfdi = {}\nat_mm = {}\n", label.fdi, numbers(label.at_mm));
+  for (const MarginCurve& margin : edits.margins) {
+    std::string points;
+    for (const Vector3& p : margin.points_mm) points += (points.empty() ? "" : ", ") + numbers(p);
+    out += fmt::format("[[design.margin]]\npoints_mm = [{}]\n", points);
+  }
+  return out;
 }
 
 nlohmann::json edits_json(const SplintEdits& edits) {
@@ -169,7 +274,13 @@ nlohmann::json edits_json(const SplintEdits& edits) {
                        {"depth_mm", s.depth_mm}});
   for (const Region& r : edits.cutouts) cutouts.push_back({{"outline_mm", points_json(r.outline_mm)}});
   for (const Region& r : edits.contacts) contacts.push_back({{"outline_mm", points_json(r.outline_mm)}});
-  return {{"stroke", strokes}, {"cutout", cutouts}, {"contact", contacts}};
+  nlohmann::json teeth = nlohmann::json::array(), margins = teeth;
+  for (const std::uint8_t fdi : edits.teeth.missing) teeth.push_back({{"fdi", fdi}, {"missing", true}});
+  for (const ToothCorrections::Label& label : edits.teeth.labels)
+    teeth.push_back({{"fdi", label.fdi}, {"at_mm", {label.at_mm.x(), label.at_mm.y(), label.at_mm.z()}}});
+  for (const MarginCurve& m : edits.margins) margins.push_back({{"points_mm", points_json(m.points_mm)}});
+  return {{"stroke", strokes}, {"cutout", cutouts}, {"contact", contacts},
+          {"tooth", teeth},    {"margin", margins}, {"label", edits.label}};
 }
 
 EditField::EditField(const SplintEdits& edits, const Rigid3& design_from_dental) : strokes_(edits.strokes) {

@@ -12,6 +12,7 @@
 
 #include "core/result.h"
 #include "core/rigid.h"
+#include "occlusion/teeth.h"
 
 namespace gnathion {
 
@@ -31,14 +32,34 @@ struct Region {
   std::vector<Vector3> outline_mm;  ///< three points or more, closed by itself
 };
 
-struct SplintEdits {
-  std::vector<Stroke> strokes;   ///< in order
-  std::vector<Region> cutouts;   ///< no splint inside
-  std::vector<Region> contacts;  ///< where given: contacts inside only; elsewhere the clearance o is kept
-  bool empty() const { return strokes.empty() && cutouts.empty() && contacts.empty(); }
+/// Where the splint ends on the crowns, drawn on the arch that wears it: the cutting surface passes through.
+struct MarginCurve {
+  std::vector<Vector3> points_mm;  ///< two or more; along the gingiva, on one side of the arch or round it
 };
 
-/// [[design.stroke]] kind, path_mm, radius_mm, depth_mm; [[design.cutout]] and [[design.contact]] outline_mm.
+struct SplintEdits {
+  std::vector<Stroke> strokes;       ///< in order
+  std::vector<Region> cutouts;       ///< no splint inside
+  std::vector<Region> contacts;      ///< where given: contacts inside only; elsewhere the clearance o is kept
+  ToothCorrections teeth;            ///< over the automatic partition; the mandible's points in MI
+  std::vector<MarginCurve> margins;  ///< in place of the cutting plane's depth, where they are drawn
+  std::string label;                 ///< embossed where there is room; empty: none
+  bool empty() const {
+    return strokes.empty() && cutouts.empty() && contacts.empty() && teeth.empty() && margins.empty() &&
+           label.empty();
+  }
+};
+
+/// What can be embossed: 1 to 24 of A-Z, a-z, 0-9, space and . - _ # / : + (kUsage otherwise).
+Status check_label(const std::string& text);
+/// "16=missing" or "24=x,y,z" (mm, Dental), as the command line has it.
+Status add_tooth_correction(ToothCorrections& teeth, const std::string& text);
+
+/// [[design.tooth]], [[design.margin]] and design.label as TOML, for files that keep edits.
+std::string marks_toml(const SplintEdits& edits);
+
+/// [[design.stroke]] kind, path_mm, radius_mm, depth_mm; [[design.cutout]] and [[design.contact]] outline_mm;
+/// [[design.tooth]] fdi with missing = true or at_mm; [[design.margin]] points_mm; [design] label.
 /// Refuses (kInput) unknown keys, too few points, values out of range, by entry.
 Result<SplintEdits> parse_edits(std::string_view toml, const std::string& name);
 

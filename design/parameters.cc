@@ -107,7 +107,9 @@ Result<SplintParameters> parse_parameters(std::string_view text, const std::stri
   if (!design) return base;
   for (const auto& [key, node] : *design) {
     const std::string where = fmt::format("{}: design.{}", name, std::string_view(key.str()));
-    if (key.str() == "stroke" || key.str() == "cutout" || key.str() == "contact") continue;  // edits.h
+    const bool edit = key.str() == "stroke" || key.str() == "cutout" || key.str() == "contact" ||
+                      key.str() == "tooth" || key.str() == "margin" || key.str() == "label";
+    if (edit) continue;  // edits.h
     const Field* field = find_field(key.str());
     if (!field) return bad_input("cannot read parameters", where, "no such parameter");
     const std::optional<double> value = node.value<double>();

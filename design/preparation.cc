@@ -6,7 +6,9 @@
 #include <fmt/format.h>
 
 #include "design/insertion.h"
+#include "design/label.h"
 #include "design/parallel.h"
+#include "design/tooth_corrections.h"
 #include "occlusion/teeth.h"
 
 namespace gnathion {
@@ -182,8 +184,15 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
                 Preparation& p) {
   // 0.3 mm, or 0.4 for voxels of 0.2: the small term settles halves.
   p.refinement = std::max(1, static_cast<int>(std::lround(grid.spacing_mm / parameters.voxel_mm + 0.01)));
-  p.coarse = design_box(p.support.mesh(), p.level, p.tp_from_mi, parameters,
-                        parameters.voxel_mm * p.refinement, grid.room_mm);
+  const std::vector<MarginCurve>& margins = inputs.edits.margins;
+  GNATHION_CHECK_OK(check_margins(margins, p.design_from_dental, p.support, p.level));
+  SplintParameters sized = parameters;  // room down to the deepest margin
+  sized.depth_mm =
+      std::max(parameters.depth_mm, deepest_margin_mm(margins, p.design_from_dental, p.level));
+  p.coarse = design_box(p.support.mesh(), p.level, p.tp_from_mi, sized, parameters.voxel_mm * p.refinement,
+                        grid.room_mm);
+  p.margin = MarginSurface(margins, p.design_from_dental, p.coarse);
+  p.label_texts = label_texts(inputs, parameters);
   if ((p.coarse.nodes.array() < 8).any() || (p.coarse.nodes.array() > 2000).any())
     return bad_input("cannot design", inputs.on_maxilla() ? "maxilla" : "mandible",
                      "no crowns found near the arch curve");
@@ -219,6 +228,7 @@ Result<TriangleMesh> stamp_solid(const TriangleMesh& surface_dental, const Rigid
 Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters,
                             const PreparationGrid& grid) {
   GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
+  GNATHION_CHECK_OK(check_tooth_corrections(inputs, arch));
   std::vector<std::string> warnings, holes;
   const char* const support_name = inputs.on_maxilla() ? "maxilla" : "mandible";
   const TriangleMesh support_dental = without_fragments(inputs.support(), support_name, warnings);

@@ -12,6 +12,7 @@
 #include "design/coarse_grid.h"
 #include "design/edits.h"
 #include "design/freedom.h"
+#include "design/margin.h"
 #include "design/parameters.h"
 #include "design/splint.h"
 
@@ -80,6 +81,14 @@ struct Preparation {
   int refinement = 3;  ///< fine voxels per coarse spacing
   std::vector<std::string> warnings;
 
+  MarginSurface margin = {};                   ///< where the operator drew one
+  std::vector<std::string> label_texts = {};  ///< to emboss, the fullest first; empty: no label
+
+  /// The height at which the splint is cut: depth_mm behind the level, or the drawn margin.
+  double cut_mm(const Vector3& p_mm, double depth_mm) const {
+    const double plane = level.level_mm(p_mm) + depth_mm;
+    return margin.empty() ? plane : margin.cut_mm(p_mm, plane);
+  }
   /// The solid whose surface is S_occ, in MI.
   const MeshQuery& stamp_source() const { return given_stamp ? *given_stamp : support; }
 };

@@ -129,7 +129,8 @@ SplintProfile profile_at(const Place& place, const ArchRuler& ruler, const Splin
 }
 
 std::vector<Place> tooth_places(const SplintInputs& inputs, const SplintDesign& design) {
-  const ToothPartition teeth = partition_teeth(inputs.support(), design.arch, inputs.arch);
+  const ToothPartition teeth =
+      partition_teeth(inputs.support(), design.arch, inputs.arch, inputs.edits.teeth);
   std::vector<Place> out;
   for (std::size_t k = 0; k < teeth.fdi.size(); ++k)
     if (teeth.fdi[k] != 0)

@@ -27,7 +27,7 @@ std::vector<float> undercuts(const SplintField& field, const TriangleMesh& suppo
   parallel_each(out.size(), [&](std::size_t v) {
     const Vector3 p = prep.design_from_dental * support_dental.vertices_mm[v];
     if (std::abs(prep.level.off_curve_mm(p)) > kBandMm ||
-        p.z() > prep.level.level_mm(p) + field.parameters().depth_mm || prep.level.beyond_cover_mm(p) > 0.0)
+        p.z() > prep.cut_mm(p, field.parameters().depth_mm) || prep.level.beyond_cover_mm(p) > 0.0)
       return;
     // p lies on M, so the solid's own interpolated distance there is the interpolation's error.
     const double depth = field.jaws().support.linear(p) - field.jaws().support_swept.linear(p);

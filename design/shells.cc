@@ -11,7 +11,7 @@ constexpr double kLipMm = 0.5;  // how far the rim may stand beyond the wall acr
 constexpr double kOutlineBandMm = 8.0;
 }  // namespace
 
-CoarseGrid distance_from_rim_outline(const CoarseGrid& support_swept, const OcclusalMap& level,
+CoarseGrid distance_from_rim_outline(const CoarseGrid& support_swept, const Preparation& preparation,
                                      const SplintParameters& p) {
   GridShape flat = support_swept.shape();
   flat.nodes.z() = 2;
@@ -19,7 +19,7 @@ CoarseGrid distance_from_rim_outline(const CoarseGrid& support_swept, const Occl
   for (int i = 0; i < flat.nodes.x(); ++i)
     for (int j = 0; j < flat.nodes.y(); ++j) {
       Vector3 q = flat.position(i, j, 0);
-      q.z() = level.level_mm(q) + p.depth_mm;
+      q.z() = preparation.cut_mm(q, p.depth_mm);
       at_rim.at(i, j, 0) = at_rim.at(i, j, 1) = static_cast<float>(support_swept.linear(q));
     }
   return redistanced(at_rim, kOutlineBandMm);

@@ -9,7 +9,7 @@ namespace gnathion {
 
 /// Distance across a from the cavity's outline at the cutting surface (the same in every layer): where a
 /// tooth slopes, the shell's rim ends there instead of running out into a thin lip.
-CoarseGrid distance_from_rim_outline(const CoarseGrid& support_swept, const OcclusalMap& level,
+CoarseGrid distance_from_rim_outline(const CoarseGrid& support_swept, const Preparation& preparation,
                                      const SplintParameters& p);
 
 /// Shell around M ⊕ R_a: w beyond the cavity at the walls, the occlusal thickness under biting surfaces.

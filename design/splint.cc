@@ -51,6 +51,20 @@ void warn_of_pieces(const LargestPiece& pieces, std::vector<std::string>& warnin
         fmt::format("a piece of {:.1f} mm³ that nothing holds was removed", pieces.largest_island_mm3));
 }
 
+void tell_label(const SplintField& field, SplintDesign& design) {
+  const Preparation& preparation = field.preparation();
+  if (preparation.label_texts.empty()) return;
+  if (!field.label()) {
+    design.warnings.push_back("no room for the label: " + preparation.label_texts.front());
+    return;
+  }
+  const Label& label = *field.label();
+  design.label = EmbossedLabel{label.text(), label.buccal(), label.letter_mm(), label.width_mm(),
+                               preparation.design_from_dental.inverse() * label.centre_mm()};
+  if (label.text() != preparation.label_texts.front())
+    design.warnings.push_back("no room for the design's hash beside the label");
+}
+
 /// Surfaces that pictures and profiles show beside the splint.
 void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
                   SplintDesign& design) {
@@ -70,7 +84,8 @@ void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, cons
 /// Nothing where an arch has no central incisor.
 std::optional<BiteReadout> read_bite(const SplintInputs& inputs, const ArchFrame& arch,
                                      const std::vector<std::uint8_t>& support_fdi) {
-  const auto opposing_fdi = assign_teeth(inputs.opposing_mi(), arch, inputs.opposing_arch());
+  const auto opposing_fdi =
+      assign_teeth(inputs.opposing_mi(), arch, inputs.opposing_arch(), inputs.edits.teeth);
   const auto points = bite_points(inputs.maxilla, inputs.on_maxilla() ? support_fdi : opposing_fdi,
                                   inputs.mandible_mi, inputs.on_maxilla() ? opposing_fdi : support_fdi, arch);
   if (!points) return std::nullopt;
@@ -142,6 +157,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
 
     steps.begin("shells and stamp", 0.25);
     const SplintField field(preparation, parameters);
+    tell_label(field, design);
 
     steps.begin("extraction", 0.25);
     LargestPiece pieces = largest_piece(extracted_splint(field), pieces_of(parameters));

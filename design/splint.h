@@ -45,6 +45,15 @@ struct SplintInputs {
   Rigid3 opposing_motion() const { return on_maxilla() ? therapeutic.rigid : therapeutic.rigid.inverse(); }
 };
 
+/// What is embossed, and where.
+struct EmbossedLabel {
+  std::string text;
+  bool buccal = true;       ///< else palatal or lingual
+  double letter_mm = 0.0;   ///< height of the letters
+  double width_mm = 0.0;    ///< of the text
+  Vector3 centre_mm = Vector3::Zero();  ///< Dental
+};
+
 /// Wall-clock seconds of one named stage, in order.
 using StageTimes = std::vector<std::pair<std::string, double>>;
 
@@ -63,6 +72,7 @@ struct SplintDesign {
   Arch worn_on = Arch::kMaxilla;
   Insertion insertion;  ///< direction in Dental
   SplintEdits edits;
+  std::optional<EmbossedLabel> label;
   /// For pictures and profiles, in Dental.
   TriangleMesh opposing_tp;          ///< L_TP; T_th⁻¹·U0 over a mandibular splint
   TriangleMesh occlusal_surface_tp;  ///< S_occ carried likewise

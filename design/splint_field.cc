@@ -138,6 +138,7 @@ SplintField::SplintField(const Preparation& preparation, const SplintParameters&
       natural_from_tp_(preparation.tp_from_mi.inverse()),
       jaws_(std::move(jaws)) {
   build_shapes();
+  place_label();
 }
 
 void SplintField::build_shapes() {
@@ -146,13 +147,23 @@ void SplintField::build_shapes() {
         cavity_closed_ = without_embrasures(coarse_cavity(jaws_.support, jaws_.support_swept, par_), par_);
       },
       [&] {
-        const CoarseGrid outline = distance_from_rim_outline(jaws_.support_swept, prep_.level, par_);
+        const CoarseGrid outline = distance_from_rim_outline(jaws_.support_swept, prep_, par_);
         const CoarseGrid shell = outer_shell(jaws_.support_swept, outline, par_);
         body_ = joined_body(shell, stamp_body(jaws_.stamp, prep_, par_), jaws_.opposing, par_);
         if (prep_.edits.smooths()) body_smoothed_ = blurred(body_, kBlurMm);
         if (!prep_.free_poses.empty())
           free_ = swept_along(prep_.free_poses, par_.disclusion_mm, prep_.opposing, body_);
       });
+}
+
+void SplintField::place_label() {
+  const LabelSurroundings around{[&](const Vector3& p) { return estimate(p).body; },
+                                 [&](const Vector3& p) {
+                                   const Ingredients in = interpolated(p);
+                                   return std::min({in.opposing, in.opposing_swept, in.free});
+                                 }};
+  for (const std::string& text : prep_.label_texts)
+    if (!label_) label_ = Label::placed(text, prep_, par_, around);
 }
 
 bool SplintField::near_jaw(const Vector3& p, double distance_mm) const {
@@ -210,11 +221,12 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
   if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, in.body_smoothed);
+  if (label_) f.body = label_->raised_mm(p, f.body);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
   f.rim =
-      std::max({p.z() - (prep_.level.level_mm(p) + par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
+      std::max({p.z() - prep_.cut_mm(p, par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
   const double film =
       par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);

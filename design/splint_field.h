@@ -5,6 +5,7 @@
 #pragma once
 
 #include "design/coarse_grid.h"
+#include "design/label.h"
 #include "design/preparation.h"
 
 namespace gnathion {
@@ -55,10 +56,13 @@ class SplintField {
   const SplintParameters& parameters() const { return par_; }
   const CoarseGrid& body_grid() const { return body_; }
   const JawDistances& jaws() const { return jaws_; }
+  /// Where the label was put; nothing where none was asked for or none has room.
+  const std::optional<Label>& label() const { return label_; }
 
  private:
   struct Ingredients;
   void build_shapes();
+  void place_label();
   Ingredients interpolated(const Vector3& p_mm) const;
   FieldTerms compose(const Vector3& p_mm, const Ingredients& in) const;
   double seat_gap_mm(const ClosestPoint& closest) const;
@@ -71,6 +75,7 @@ class SplintField {
   CoarseGrid body_;           ///< shell, stamp and fillets, smooth
   CoarseGrid body_smoothed_;  ///< the same, blurred: where strokes smooth; else empty
   CoarseGrid free_;           ///< the opposing arch swept along its excursions; empty: none
+  std::optional<Label> label_;
 };
 
 /// The field's zero level, pieces and all.

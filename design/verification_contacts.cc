@@ -61,7 +61,8 @@ void measure_contact_surface(const FinishedSplint& splint, const Preparation& pr
 void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
                      SplintVerification& out) {
   const TriangleMesh& opposing = inputs.opposing_mi();
-  const std::vector<std::uint8_t> fdi = assign_teeth(opposing, preparation.arch, inputs.opposing_arch());
+  const std::vector<std::uint8_t> fdi =
+      assign_teeth(opposing, preparation.arch, inputs.opposing_arch(), inputs.edits.teeth);
   const Vector3 away = -preparation.arch.gingival(inputs.arch);
   const Rigid3 dental = preparation.design_from_dental.inverse();
   const MeshQuery natural_surface(

@@ -25,15 +25,29 @@ double mean_crown_width_mm(std::uint8_t fdi);
 /// Mean height of the anatomical crown, mm (same source).
 double mean_crown_height_mm(std::uint8_t fdi);
 
+/// Corrections by hand of what partition_teeth() would find. Entries of the other arch are left alone.
+struct ToothCorrections {
+  std::vector<std::uint8_t> missing;  ///< FDI numbers of teeth that are not there, gap closed or open
+  struct Label {
+    std::uint8_t fdi = 0;
+    Vector3 at_mm = Vector3::Zero();  ///< on that tooth, in the frame of the mesh
+  };
+  std::vector<Label> labels;
+  bool empty() const { return missing.empty() && labels.empty(); }
+};
+
 /// The crowns of one arch, cut at the interdental minima along the arch curve.
 struct ToothPartition {
-  std::vector<std::uint8_t> fdi;      ///< per tooth, right to left
+  std::vector<std::uint8_t> fdi;      ///< per tooth, right to left; 0: the place of a missing one
   std::vector<double> boundaries_mm;  ///< fdi.size() + 1 arc lengths from the midline (ArchRuler), ascending
   double cost = 0.0;                  ///< of the dynamic programme; lower is better
 };
-ToothPartition partition_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which);
+/// Empty where no partition agrees with the corrections.
+ToothPartition partition_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                               const ToothCorrections& corrections = {});
 
 /// FDI number of every vertex; 0 for gingiva, palate and base.
-std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which);
+std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                                       const ToothCorrections& corrections = {});
 
 }  // namespace gnathion

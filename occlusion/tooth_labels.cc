@@ -86,6 +86,12 @@ std::vector<Placement> place_vertices(const TriangleMesh& mesh, const ArchFrame&
     }
     const auto k = static_cast<std::size_t>(p.tooth);
     const double from = partition.boundaries_mm[k], width = partition.boundaries_mm[k + 1] - from;
+    if (partition.fdi[k] == 0) {  // a gap: no crown but what its neighbours spread over
+      const double inside = std::min(at[i].s_mm - from, partition.boundaries_mm[k + 1] - at[i].s_mm);
+      if (inside > kCore * width) p.seed = kGingiva;
+      p.depth_in_crowns = kGingivaDepth;
+      continue;
+    }
     const double across = (at[i].s_mm - from) / width;
     p.depth_in_crowns = (depth(i) - top[k]) / mean_crown_height_mm(partition.fdi[k]);
     if (p.depth_in_crowns > kGingivaDepth)
@@ -133,8 +139,9 @@ std::vector<std::int16_t> spread(const TriangleMesh& mesh, const std::vector<Pla
 
 }  // namespace
 
-std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which) {
-  const ToothPartition partition = partition_teeth(arch_mesh, frame, which);
+std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                                       const ToothCorrections& corrections) {
+  const ToothPartition partition = partition_teeth(arch_mesh, frame, which, corrections);
   if (partition.fdi.empty()) return std::vector<std::uint8_t>(arch_mesh.vertices_mm.size(), 0);
   const auto placement = place_vertices(arch_mesh, frame_of_jaw(arch_mesh, frame, which), which, partition);
   const auto label = spread(arch_mesh, placement);

@@ -25,8 +25,9 @@ constexpr double kWidthCost = 0.25;
 constexpr double kScaleSpread = 0.08;  // of all the teeth's widths together
 constexpr double kMidlineSpreadMm = 2.5;
 constexpr double kUncoveredCostPerMm = 0.12;
-constexpr double kToplessCostPerMm = 0.15;  // length of a tooth without crown tops: tuberosity, gap
-constexpr double kEndWeight = 0.4;          // of the last distal wall: a cast's cut back looks like one
+constexpr double kToplessCostPerMm = 0.15;    // length of a tooth without crown tops: tuberosity, gap
+constexpr double kCrownInGapCostPerMm = 0.6;  // crown tops where a tooth is said to be missing: another's
+constexpr double kEndWeight = 0.4;            // of the last distal wall: a cast's cut back looks like one
 constexpr double kThirdMolarCost = 1.0;
 constexpr double kMissingMolarCost = 1.0;
 
@@ -106,9 +107,36 @@ double width_cost(double width_mm, double usual_mm) {
   return kWidthCost * deviation * deviation;
 }
 
+/// What is told about each tooth by hand, in the order of the partition.
+struct Told {
+  bool missing = false;
+  std::vector<double> at_mm;  ///< arc lengths that lie on this tooth
+};
+
+std::vector<Told> told_of(const std::vector<std::uint8_t>& fdi, const ToothCorrections& corrections,
+                          const ArchRuler& ruler) {
+  std::vector<Told> out(fdi.size());
+  for (std::size_t k = 0; k < fdi.size(); ++k) {
+    out[k].missing = std::find(corrections.missing.begin(), corrections.missing.end(), fdi[k]) !=
+                     corrections.missing.end();
+    for (const ToothCorrections::Label& label : corrections.labels)
+      if (label.fdi == fdi[k]) out[k].at_mm.push_back(ruler.measure(label.at_mm).s_mm);
+  }
+  return out;
+}
+
+/// Whether a label is for a tooth of this arch that the set does not have.
+bool leaves_out(const std::vector<std::uint8_t>& fdi, const ToothCorrections& corrections, Arch which) {
+  const std::vector<std::uint8_t> all = fdi_order(which);
+  return std::any_of(corrections.labels.begin(), corrections.labels.end(), [&](const auto& label) {
+    return std::find(all.begin(), all.end(), label.fdi) != all.end() &&
+           std::find(fdi.begin(), fdi.end(), label.fdi) == fdi.end();
+  });
+}
+
 /// Best boundaries for a given set of teeth and a given common scale of widths.
 std::optional<ToothPartition> best_cut(const Profile& profile, const std::vector<std::uint8_t>& fdi,
-                                       double scale) {
+                                       const std::vector<Told>& told, double scale) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const std::size_t n = profile.size(), teeth = fdi.size();
   const auto midline = static_cast<std::size_t>(
@@ -120,15 +148,26 @@ std::optional<ToothPartition> best_cut(const Profile& profile, const std::vector
 
   for (std::size_t k = 0; k < teeth; ++k) {
     const double usual = scale * mean_crown_width_mm(fdi[k]);
-    const auto narrowest = static_cast<std::size_t>(0.6 * usual / kBinMm);
+    const bool missing = told[k].missing;
+    const auto narrowest = missing ? std::size_t{0} : static_cast<std::size_t>(0.6 * usual / kBinMm);
     const auto widest = static_cast<std::size_t>(1.5 * usual / kBinMm);
+    const auto holds = [&](std::size_t from, std::size_t to) {
+      return std::all_of(told[k].at_mm.begin(), told[k].at_mm.end(),
+                         [&](double s) { return profile.s_mm(from) <= s && s < profile.s_mm(to); });
+    };
     std::vector<double> next(n, kInfinity);
     for (std::size_t i = narrowest; i < n; ++i) {
       for (std::size_t w = narrowest; w <= std::min(widest, i); ++w) {
         const double width = kBinMm * static_cast<double>(w);
-        const double topless = width - (profile.tops_before[i] - profile.tops_before[i - w]);
-        const double c = cost[i - w] + width_cost(width, usual) + kToplessCostPerMm * topless;
-        if (c >= next[i]) continue;
+        const double tops = profile.tops_before[i] - profile.tops_before[i - w];
+        double c = cost[i - w];
+        if (missing) {
+          c += kCrownInGapCostPerMm * tops;
+          if (w == 0 && k + 1 < teeth) c += profile.valley[i];  // one boundary, not two
+        } else {
+          c += width_cost(width, usual) + kToplessCostPerMm * (width - tops);
+        }
+        if (c >= next[i] || !holds(i - w, i)) continue;
         next[i] = c;
         came_from[k][i] = static_cast<std::uint32_t>(i - w);
       }
@@ -144,7 +183,7 @@ std::optional<ToothPartition> best_cut(const Profile& profile, const std::vector
   const auto end = std::min_element(cost.begin(), cost.end());
   if (*end == kInfinity) return std::nullopt;
   ToothPartition out;
-  out.fdi = fdi;
+  for (std::size_t k = 0; k < teeth; ++k) out.fdi.push_back(told[k].missing ? std::uint8_t{0} : fdi[k]);
   out.cost = *end;
   auto i = static_cast<std::size_t>(end - cost.begin());
   out.boundaries_mm.push_back(profile.s_mm(i));
@@ -162,16 +201,21 @@ double molar_cost(int last_position) {
 
 }  // namespace
 
-ToothPartition partition_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which) {
-  const Profile profile = crown_profile(arch_mesh, frame_of_jaw(arch_mesh, frame, which), which);
+ToothPartition partition_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                               const ToothCorrections& corrections) {
+  const ArchFrame own = frame_of_jaw(arch_mesh, frame, which);
+  const Profile profile = crown_profile(arch_mesh, own, which);
+  const ArchRuler ruler(own);
   const auto all = fdi_order(which);
   ToothPartition best;
   best.cost = std::numeric_limits<double>::infinity();
   for (int right = 6; right <= 8; ++right)
     for (int left = 6; left <= 8; ++left) {
       const std::vector<std::uint8_t> fdi(all.begin() + 8 - right, all.begin() + 8 + left);
+      if (leaves_out(fdi, corrections, which)) continue;
+      const std::vector<Told> told = told_of(fdi, corrections, ruler);
       for (double scale = 0.84; scale < 1.21; scale += 0.04) {
-        auto cut = best_cut(profile, fdi, scale);
+        auto cut = best_cut(profile, fdi, told, scale);
         if (!cut) continue;
         const double off = (scale - 1.0) / kScaleSpread;
         cut->cost += 0.25 * off * off + molar_cost(right) + molar_cost(left);

@@ -9,6 +9,7 @@
 #include "design/write_ply.h"
 #include "pipeline/dental_motion.h"
 #include "pipeline/nested_progress.h"
+#include "pipeline/label_picture.h"
 #include "pipeline/pictures.h"
 #include "pipeline/profile_pictures.h"
 #include "pipeline/undercut_map.h"
@@ -138,6 +139,7 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
     GNATHION_CHECK_OK(draw_design(inputs.splint, *outcome.design, folder / "pictures"));
     GNATHION_CHECK_OK(draw_profiles(inputs.splint, profiles, folder));
     GNATHION_CHECK_OK(draw_undercut_map(inputs.splint, *outcome.design, folder));
+    GNATHION_CHECK_OK(draw_label(*outcome.design, folder));
   }
   GNATHION_CHECK_OK(write_json(folder / "design.json", *outcome.report));
   return outcome;

@@ -29,12 +29,14 @@ json rung_json(const std::string& name, const SplintParameters& p, const DesignO
                {"gap_mm", p.gap_mm},
                {"verdict", outcome.report->value("verdict", "")},
                {"violated", (*outcome.report)["violated"]},
+               {"label", nullptr},
                {"retention_area_mm2", nullptr},
                {"insertability_mm", nullptr},
                {"seat_gap_median_mm", nullptr},
                {"volume_mm3", nullptr}};
   if (!outcome.design) return rung;
   const SplintVerification& v = outcome.design->verification;
+  if (outcome.design->label) rung["label"] = outcome.design->label->text;
   rung["retention_area_mm2"] = v.retention_area_mm2;
   rung["insertability_mm"] = v.insertability.deepest_mm;
   rung["seat_gap_median_mm"] = v.seat_gap.median_mm;
@@ -68,6 +70,8 @@ Result<LadderOutcome> run_ladder(const DesignJob& job, const Ladder& ladder,
       one.parameters.gap_mm = g;
       GNATHION_CHECK_OK(check_parameters(one.parameters));
       const std::string name = fmt::format("r{:.3f}_g{:.3f}", r, g);
+      // In µm, so that the rungs can be told apart after printing.
+      one.edits.label = fmt::format("R{:.0f} G{:.0f}", 1000.0 * r, 1000.0 * g);
       std::error_code ec;
       if (!std::filesystem::create_directory(folder / name, ec))
         return fail(ErrorCode::kInternal, kWhat, (folder / name).string(), ec.message());

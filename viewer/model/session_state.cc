@@ -21,7 +21,7 @@ std::string points_text(const std::vector<Vector3>& points_mm) {
 /// As case.toml has them, so that they can be taken over there.
 std::string edits_toml(const SplintEdits& edits) {
   constexpr const char* kKinds[] = {"add", "remove", "smooth"};
-  std::string out;
+  std::string out = marks_toml(edits);
   for (const Stroke& s : edits.strokes)
     out += fmt::format(
         "[[design.stroke]]\nkind = \"{}\"\nradius_mm = {:.4f}\ndepth_mm = {:.4f}\npath_mm = {}\n",
