@@ -118,6 +118,18 @@ CoarseGrid swept_down(const CoarseGrid& f) {
   return out;
 }
 
+CoarseGrid sheared(const CoarseGrid& f, double sx, double sy) {
+  CoarseGrid out = f;
+  const GridShape& shape = f.shape();
+  parallel_each(shape.nodes.x(), [&](int i) {
+    for (int j = 0; j < shape.nodes.y(); ++j)
+      for (int k = 0; k < shape.nodes.z(); ++k)
+        out.at(i, j, k) = static_cast<float>(
+            f.linear(Vector3(shape.position(i, j, k) + k * shape.spacing_mm * Vector3(sx, sy, 0.0))));
+  });
+  return out;
+}
+
 void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_mm) {
   const auto n = d.shape().nodes;
   const auto far = static_cast<float>(far_mm);

@@ -69,11 +69,17 @@ json insertability_facts(const SplintVerification& v) {
 }
 
 json imprint_facts(const SplintVerification& v) {
-  return {{"depth_mm", v.imprint.depth_mm},
-          {"where_mm", point(v.imprint.deepest_where_mm)},
-          {"undercut_mm", v.imprint.undercut_mm},
-          {"undercut_where_mm", point(v.imprint.undercut_where_mm)},
-          {"recorded_path", v.imprint.recorded_path}};
+  json places = json::array();
+  for (const auto& place : v.imprint.held_by_wall)
+    places.push_back({{"depth_mm", place.depth_mm},
+                      {"area_mm2", place.area_mm2},
+                      {"where_mm", point(place.where_mm)},
+                      {"teeth", place.teeth}});
+  return {
+      {"avoidable_mm", v.imprint.avoidable_mm},  {"held_by_wall", places},
+      {"depth_mm", v.imprint.depth_mm},          {"where_mm", point(v.imprint.deepest_where_mm)},
+      {"undercut_mm", v.imprint.undercut_mm},    {"undercut_where_mm", point(v.imprint.undercut_where_mm)},
+      {"recorded_path", v.imprint.recorded_path}};
 }
 
 json freedom_facts(const SplintVerification& v) {
@@ -94,12 +100,9 @@ json seating_facts(const std::optional<PredictedSeating>& seating) {
 
 json label_facts(const std::optional<EmbossedLabel>& label) {
   if (!label) return nullptr;
-  return {{"text", label->text},
-          {"side", label->buccal ? "buccal" : "oral"},
-          {"letter_mm", label->letter_mm},
-          {"width_mm", label->width_mm},
-          {"proud_mm", Label::kProudMm},
-          {"centre_mm", point(label->centre_mm)}};
+  return {{"text", label->text},           {"side", label->buccal ? "buccal" : "oral"},
+          {"letter_mm", label->letter_mm}, {"width_mm", label->width_mm},
+          {"proud_mm", Label::kProudMm},   {"centre_mm", point(label->centre_mm)}};
 }
 
 const char* arch_name(Arch arch) {

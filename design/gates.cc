@@ -7,8 +7,8 @@ constexpr double kPenetrationMm = 0.02;
 constexpr double kExcursionMm = 0.15;  // the coarse sweep of the opposing arch is good to about 0.1
 constexpr double kSeatingMm = 0.02, kSeatingDeg = 0.05;
 constexpr double kInsertionToleranceMm = 0.02;  // as deep as surfaces at rest may be in each other
-constexpr double kInsertionStuckMm = 0.2;       // past r: beyond what the coarse sweep along a may miss
 constexpr double kUndercutMm = 0.05;            // of the imprint to the opening path
+constexpr double kLocksMm = 0.1;                // the same, past what the coarse sweep may miss
 constexpr double kWallToleranceMm = 0.02;       // of triangles at 0.1 mm voxels
 
 Gate at_most(const std::string& name, double value, double limit, bool blocks = true) {
@@ -35,12 +35,12 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_most("mandible_penetration_mm", v.mandible_penetration_mm, kPenetrationMm));
   gates.push_back(at_least("wall_min_mm", v.thickness.min_mm, p.aperture_limit_mm - kWallToleranceMm));
   gates.push_back(at_least("side_wall_p01_mm", side_wall_p01_mm, p.wall_mm - kWallToleranceMm));
-  gates.push_back(at_most("insertability_mm", v.insertability.deepest_mm,
-                          p.engagement_mm + kInsertionToleranceMm, false));
-  gates.push_back(at_most("insertability_stuck_mm", v.insertability.deepest_mm,
-                          p.engagement_mm + kInsertionStuckMm));
+  gates.push_back(
+      at_most("insertability_mm", v.insertability.deepest_mm, p.engagement_mm + kInsertionToleranceMm));
   gates.push_back(at_most("imprint_depth_mm", v.imprint.depth_mm, p.imprint_depth_mm, false));
+  gates.push_back(at_most("imprint_depth_avoidable_mm", v.imprint.avoidable_mm, p.imprint_depth_mm));
   gates.push_back(at_most("imprint_undercut_mm", v.imprint.undercut_mm, kUndercutMm, false));
+  gates.push_back(at_most("imprint_locks_mm", v.imprint.undercut_mm, kLocksMm));
   if (v.freedom) gates.push_back(at_most("excursions_depth_mm", v.freedom->deepest_mm, kExcursionMm));
   if (!v.seating_note.empty()) gates.push_back({"predicted_seating_at_rest", 0.0, 1.0, false, false});
   if (v.predicted_seating) {

@@ -68,9 +68,8 @@ TriangleMesh without_fragments(const TriangleMesh& mesh, const std::string& name
 }
 
 /// The arc that the parameters ask for, from the teeth that are there.
-Result<CoveredArc> covered_arc(const TriangleMesh& support, const ArchFrame& arch, Arch which,
-                               const SplintParameters& p) {
-  const std::vector<std::uint8_t> fdi = assign_teeth(support, arch, which);
+Result<CoveredArc> covered_arc(const TriangleMesh& support, const std::vector<std::uint8_t>& fdi,
+                               const ArchFrame& arch, Arch which, const SplintParameters& p) {
   const ArchRuler ruler(arch);
   const int first = static_cast<int>(std::lround(p.first_tooth)),
             last = static_cast<int>(std::lround(p.last_tooth));
@@ -187,8 +186,7 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
   const std::vector<MarginCurve>& margins = inputs.edits.margins;
   GNATHION_CHECK_OK(check_margins(margins, p.design_from_dental, p.support, p.level));
   SplintParameters sized = parameters;  // room down to the deepest margin
-  sized.depth_mm =
-      std::max(parameters.depth_mm, deepest_margin_mm(margins, p.design_from_dental, p.level));
+  sized.depth_mm = std::max(parameters.depth_mm, deepest_margin_mm(margins, p.design_from_dental, p.level));
   p.coarse = design_box(p.support.mesh(), p.level, p.tp_from_mi, sized, parameters.voxel_mm * p.refinement,
                         grid.room_mm);
   p.margin = MarginSurface(margins, p.design_from_dental, p.coarse);
@@ -234,7 +232,8 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   const TriangleMesh support_dental = without_fragments(inputs.support(), support_name, warnings);
   const TriangleMesh opposing_dental =
       without_fragments(inputs.opposing_mi(), inputs.on_maxilla() ? "mandible" : "maxilla", warnings);
-  GNATHION_TRY(const CoveredArc covered, covered_arc(inputs.support(), arch, inputs.arch, parameters));
+  std::vector<std::uint8_t> fdi = assign_teeth(inputs.support(), arch, inputs.arch, inputs.edits.teeth);
+  GNATHION_TRY(const CoveredArc covered, covered_arc(inputs.support(), fdi, arch, inputs.arch, parameters));
 
   const Insertion insertion = insertion_of(support_dental, arch, inputs.arch, covered, parameters);
   const Rigid3 design_from_dental = frame_along(insertion.direction, arch);
@@ -269,7 +268,8 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                           std::move(level),
                           {},
                           1,
-                          std::move(warnings)};
+                          std::move(warnings),
+                          std::move(fdi)};
   GNATHION_CHECK_OK(set_grid(inputs, parameters, grid, preparation));
   return preparation;
 }

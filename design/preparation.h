@@ -80,6 +80,7 @@ struct Preparation {
   GridShape coarse;
   int refinement = 3;  ///< fine voxels per coarse spacing
   std::vector<std::string> warnings;
+  std::vector<std::uint8_t> support_fdi;  ///< per vertex of the supporting arch's scan as given; 0: no tooth
 
   MarginSurface margin = {};                   ///< where the operator drew one
   std::vector<std::string> label_texts = {};  ///< to emboss, the fullest first; empty: no label

@@ -1,9 +1,11 @@
 #include "design/pressing.h"
 
 #include <algorithm>
+#include <array>
 
 #include "design/parallel.h"
 #include "design/solid_distance.h"
+#include "design/swept_depth.h"
 #include "occlusion/contacts.h"
 
 namespace gnathion {
@@ -13,6 +15,9 @@ constexpr double kReachMm = 0.15;
 constexpr double kVertexReachMm = 0.4;  // a crest's tip between the grid's nodes
 constexpr double kStepMm = 0.15;        // between points that are looked at: finer than the verification's
 constexpr int kRounds = 8;
+constexpr double kWayMm = 12.0;  // of the seating
+constexpr double kWayStepMm = 0.3;
+constexpr int kWayRounds = 6;
 constexpr int kAttempts = 4;  // after moves were taken back, smaller ones may do
 
 struct Push {
@@ -54,6 +59,15 @@ void push_triangles(const TriangleMesh& mesh, const std::vector<std::uint32_t>& 
       pushes[v].take(ways[corners.size() + i]);
 }
 
+/// Neighbours go half the way, so that the surface bends instead of folding.
+void take_with_neighbours(const TriangleMesh& mesh, const std::vector<Push>& core,
+                          std::vector<Push>& pushes) {
+  for (const Triangle& t : mesh.triangles)
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t n = 1; n < 3; ++n) pushes[t[(k + n) % 3]].take(0.5 * core[t[k]].by_mm);
+  for (std::size_t v = 0; v < core.size(); ++v) pushes[v].take(core[v].by_mm);
+}
+
 /// Vertices of the jaw inside the splint push the triangle that they pierced along their own normal. Returns
 /// whether there were any.
 bool push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double tolerance_mm,
@@ -78,13 +92,58 @@ bool push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double 
     const Vector3 by_mm = -hits[i].distance_mm * normals[inside_box[i]];
     for (const std::uint32_t corner : splint.mesh().triangles[hits[i].triangle]) core[corner].take(by_mm);
   }
-  if (!any) return false;
-  // Neighbours go half the way, so that the surface bends instead of folding.
-  for (const Triangle& t : splint.mesh().triangles)
-    for (std::size_t k = 0; k < 3; ++k)
-      for (std::size_t n = 1; n < 3; ++n) pushes[t[(k + n) % 3]].take(0.5 * core[t[k]].by_mm);
-  for (std::size_t v = 0; v < core.size(); ++v) pushes[v].take(core[v].by_mm);
-  return true;
+  if (any) take_with_neighbours(splint.mesh(), core, pushes);
+  return any;
+}
+
+/// Corners of the listed triangles, and points between them, that would pass deeper than r in the supporting
+/// arch when the seated splint leaves along -a: they go aside.
+void push_on_way(const TriangleMesh& mesh, const std::vector<bool>& listed, const MeshQuery& support,
+                 double engagement_mm, double tolerance_mm, std::vector<Push>& pushes) {
+  std::vector<std::array<std::uint32_t, 3>> moves;  // corners that move with each point
+  std::vector<Vector3> points;
+  std::vector<bool> taken(mesh.vertices_mm.size(), false);
+  for (std::size_t t = 0; t < listed.size(); ++t)
+    if (listed[t])
+      for (const std::uint32_t v : mesh.triangles[t])
+        if (!taken[v]) {
+          taken[v] = true;
+          points.push_back(mesh.vertices_mm[v]);
+          moves.push_back({v, v, v});
+        }
+  for (const SurfaceSample& sample : sample_surface(mesh, kWayStepMm, listed)) {
+    points.push_back(sample.p_mm);
+    moves.push_back(mesh.triangles[sample.triangle]);
+  }
+  const std::vector<SweptDepth> deep =
+      depths_on_way(points, -Vector3::UnitZ(), kWayMm, support, engagement_mm + tolerance_mm);
+  for (std::size_t i = 0; i < deep.size(); ++i) {
+    if (deep[i].depth_mm == 0.0) continue;
+    const Vector3 place = points[i] - deep[i].way_mm * Vector3::UnitZ();
+    const auto out = support.closest(place, deep[i].depth_mm + tolerance_mm);
+    if (!out) continue;
+    const Vector3 by_mm = (1.0 - engagement_mm / deep[i].depth_mm) * (out->point_mm - place);
+    for (const std::uint32_t v : moves[i]) pushes[v].take(by_mm);
+  }
+}
+
+/// Vertices of the supporting arch that would pass deeper than r in the splint push it aside.
+void push_on_way_by_jaw(const MeshQuery& splint, const std::vector<Vector3>& jaw_points, double engagement_mm,
+                        double tolerance_mm, std::vector<Push>& pushes) {
+  const std::vector<SweptDepth> deep =
+      depths_on_way(jaw_points, Vector3::UnitZ(), kWayMm, splint, engagement_mm + tolerance_mm);
+  std::vector<Push> core(pushes.size());
+  bool any = false;
+  for (const SweptDepth& one : deep) {
+    if (one.depth_mm == 0.0) continue;
+    const Vector3 place = one.start_mm + one.way_mm * Vector3::UnitZ();
+    const auto surface = splint.closest(place, one.depth_mm + tolerance_mm);
+    if (!surface) continue;
+    any = true;
+    const Vector3 by_mm = (1.0 - engagement_mm / one.depth_mm) * (place - surface->point_mm);
+    for (const std::uint32_t corner : splint.mesh().triangles[surface->triangle]) core[corner].take(by_mm);
+  }
+  if (any) take_with_neighbours(splint.mesh(), core, pushes);
 }
 
 /// Takes moves back, by half at first, until the mesh does not cross itself. Returns whether any was taken
@@ -117,6 +176,17 @@ std::vector<std::uint32_t> triangles_at(const TriangleMesh& mesh, const std::vec
   return out;
 }
 
+/// Makes the moves; says which vertices made one.
+std::vector<char> moved_by(const std::vector<Push>& pushes, TriangleMesh& splint) {
+  std::vector<char> moved(pushes.size(), 0);
+  for (std::size_t v = 0; v < pushes.size(); ++v) {
+    if (pushes[v].by_mm.isZero()) continue;
+    splint.vertices_mm[v] += pushes[v].by_mm;
+    moved[v] = 1;
+  }
+  return moved;
+}
+
 /// Rounds of pushing until nothing is deeper than the tolerance; the mesh may cross itself afterwards.
 void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& opposing, double tolerance_mm,
            std::vector<std::uint32_t> todo) {
@@ -131,13 +201,28 @@ void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& oppo
       for (const MeshQuery* jaw : {&support, &opposing})
         pierced = push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes) || pierced;
     }
-    std::vector<char> moved(pushes.size(), 0);
-    for (std::size_t v = 0; v < pushes.size(); ++v) {
-      if (pushes[v].by_mm.isZero()) continue;
-      splint.vertices_mm[v] += pushes[v].by_mm;
-      moved[v] = 1;
-    }
-    todo = triangles_at(splint, moved);
+    todo = triangles_at(splint, moved_by(pushes, splint));
+  }
+}
+
+/// Rounds of pushing until the splint's way onto its arch meets nothing deeper than r.
+void press_on_way(TriangleMesh& splint, const MeshQuery& support, double engagement_mm, double tolerance_mm,
+                  const std::vector<std::uint32_t>& todo) {
+  const Box box = bounding_box(splint);
+  std::vector<Vector3> jaw;
+  for (const Vector3& v : support.mesh().vertices_mm)
+    if (v.x() > box.min_mm.x() && v.x() < box.max_mm.x() && v.y() > box.min_mm.y() && v.y() < box.max_mm.y())
+      jaw.push_back(v);
+  std::vector<bool> listed(splint.triangles.size(), false);
+  for (const std::uint32_t t : todo) listed[t] = true;
+  for (int round = 0; round < kWayRounds; ++round) {
+    std::vector<Push> pushes(splint.vertices_mm.size());
+    push_on_way(splint, listed, support, engagement_mm, tolerance_mm, pushes);
+    push_on_way_by_jaw(MeshQuery(splint), jaw, engagement_mm, tolerance_mm, pushes);
+    const std::vector<std::uint32_t> moved = triangles_at(splint, moved_by(pushes, splint));
+    if (moved.empty()) return;
+    listed.assign(listed.size(), false);
+    for (const std::uint32_t t : moved) listed[t] = true;
   }
 }
 
@@ -149,6 +234,7 @@ void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double t
   std::vector<std::uint32_t> todo = triangles_at(splint, near);
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     const std::vector<Vector3> sound = splint.vertices_mm;
+    press_on_way(splint, field.preparation().support, field.parameters().engagement_mm, tolerance_mm, todo);
     press(splint, field.preparation().support, field.preparation().opposing, tolerance_mm, std::move(todo));
     if (!take_back_crossings(splint, sound)) return;
     std::vector<char> moved(sound.size());

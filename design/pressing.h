@@ -8,8 +8,8 @@
 namespace gnathion {
 
 /// Moves vertices of `splint` (closed) out of the jaws until neither surface is deeper than about
-/// `tolerance_mm` in the other; movements are of that order. Moves that would make the mesh cross itself are
-/// taken back. Returns how many vertices moved.
+/// `tolerance_mm` in the other, and until the way onto the supporting arch along a meets nothing deeper than r;
+/// movements are of the order of voxel errors. Moves that would make the mesh cross itself are taken back.
 void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm);
 
 }  // namespace gnathion

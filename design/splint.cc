@@ -51,6 +51,17 @@ void warn_of_pieces(const LargestPiece& pieces, std::vector<std::string>& warnin
         fmt::format("a piece of {:.1f} mm³ that nothing holds was removed", pieces.largest_island_mm3));
 }
 
+/// Walls that the imprint's limit could not lower.
+void warn_of_imprint(const SplintVerification& v, const SplintParameters& p,
+                     std::vector<std::string>& warnings) {
+  for (const auto& place : v.imprint.held_by_wall)
+    warnings.push_back(fmt::format(
+        "imprint: the wall of {:.1f} mm{} stands {:.2f} mm beyond the natural relief over {:.1f} mm² at "
+        "({:.1f}, {:.1f}, {:.1f})",
+        p.wall_mm, place.teeth.empty() ? "" : fmt::format(" on tooth {}", place.teeth.front()),
+        place.depth_mm, place.area_mm2, place.where_mm.x(), place.where_mm.y(), place.where_mm.z()));
+}
+
 void tell_label(const SplintField& field, SplintDesign& design) {
   const Preparation& preparation = field.preparation();
   if (preparation.label_texts.empty()) return;
@@ -106,11 +117,12 @@ double verify(const SplintInputs& inputs, const FinishedSplint& splint, const Sp
                        [&] { verify_seating(inputs, splint, preparation, out); },
                        [&] {
                          verify_freedom(splint, preparation, out);
-                         verify_imprint(splint, preparation, out);  // along the way that must run free
+                         // Along the way that must run free.
+                         verify_imprint(splint, preparation, design.parameters, inputs.support(), out);
                        },
                        [&] {
-                         const auto fdi = assign_teeth(inputs.support(), preparation.arch, inputs.arch);
-                         verify_insertability(splint, preparation, inputs.support(), fdi, out);
+                         const auto& fdi = preparation.support_fdi;
+                         verify_insertability(splint, preparation, inputs.support(), out);
                          measure_retention(splint, field, inputs.support(), fdi, out.retention);
                          out.bite = read_bite(inputs, preparation.arch, fdi);
                          out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
@@ -174,6 +186,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
 
     steps.begin("verification", 0.35);
     const double side_wall_p01_mm = verify(inputs, splint, field, design);
+    warn_of_imprint(design.verification, parameters, design.warnings);
     if (!design.verification.seating_note.empty())
       design.warnings.push_back(design.verification.seating_note + ": no predicted seating");
     const Rigid3 dental = preparation.design_from_dental.inverse();

@@ -9,6 +9,7 @@
 #include "design/distances.h"
 #include "design/extraction.h"
 #include "design/freedom.h"
+#include "design/parallel.h"
 #include "design/shells.h"
 #include "design/solid_distance.h"
 #include "design/stamp.h"
@@ -22,9 +23,10 @@ constexpr double kReachMm = 1.5;     // of exact queries; farther distances do n
 constexpr double kSweepStartMm =
     0.6;  // the coarse sweep of the opposing arch leaves its own surface to exact distances
 constexpr double kSweepErrorMm = 0.05;
-constexpr double kStampNearMm = 0.6;   // up to here from the opposing arch the stamp is exact ...
-constexpr double kStampFade = 0.3;     // ... and sinks into the smooth body beyond it
-constexpr double kStampTopFade = 0.8;  // likewise over the last kStampTopMm below the stamp's height
+constexpr double kUprightSlope = 0.004;  // 0.02 mm over the deepest imprint
+constexpr double kStampNearMm = 0.6;     // up to here from the opposing arch the stamp is exact ...
+constexpr double kStampFade = 0.3;       // ... and sinks into the smooth body beyond it
+constexpr double kStampTopFade = 0.8;    // likewise over the last kStampTopMm below the stamp's height
 constexpr double kStampTopMm = 1.0;
 constexpr double kTipGapVoxels = 0.5;       // room at tips of the support that are narrower than the grid
 constexpr double kImprintTipVoxels = 0.25;  // the same at tips of the opposing arch
@@ -33,6 +35,8 @@ constexpr double kBlurMm = 0.8;             // of smoothing strokes, standard de
 constexpr double kTipRoomMm = 0.1;          // on the way onto the arch, at the support's sharp tips
 constexpr double kShadowMm = 0.03;          // less between solid and sweep: no undercut here
 constexpr double kDistalMm = 0.8;
+constexpr double kSolidError = 0.15;  // of the coarse spacing: what counts as material over an imprint
+constexpr double kWallErrorMm = 0.1;  // of the coarse cavity, a wall away from it
 constexpr double kFilmMarginMm = 0.02;
 constexpr double kFilmMarginVoxels = 0.5;  // what triangles may take from the thinnest wall
 constexpr double kFullGapDeg = 60.0;       // from the stop angle to here the gap grows from h to g
@@ -60,9 +64,10 @@ double rounded_max(double a, double b, double radius) {
 CoarseGrid looked_up(const CoarseGrid& f, int steps) {
   CoarseGrid out = f;
   const int last = f.shape().nodes.z() - 1;
-  for (int i = 0; i < f.shape().nodes.x(); ++i)
+  parallel_each(f.shape().nodes.x(), [&](int i) {
     for (int j = 0; j < f.shape().nodes.y(); ++j)
       for (int k = 0; k <= last; ++k) out.at(i, j, k) = f.at(i, j, std::min(last, k + steps));
+  });
   return out;
 }
 
@@ -114,7 +119,12 @@ void sample_stamp(const Preparation& prep, JawDistances& jaws) {
 void sample_opposing(const Preparation& prep, JawDistances& jaws) {
   jaws.opposing = sampled_distance(prep.coarse, prep.opposing, {}, kBandMm, OutsideEnd::kTop);
   const int steps = std::max(1, static_cast<int>(std::lround(kSweepStartMm / prep.coarse.spacing_mm)));
-  jaws.opposing_swept = looked_up(swept_down(jaws.opposing), steps);
+  // Down the opening path, which the seating direction may be tilted against: columns along it.
+  const Vector3 up = opening_axes(prep).col(2);
+  const double x = up.x() / up.z(), y = up.y() / up.z();
+  jaws.opposing_swept = std::hypot(x, y) < kUprightSlope
+                            ? looked_up(swept_down(jaws.opposing), steps)
+                            : sheared(looked_up(swept_down(sheared(jaws.opposing, x, y)), steps), -x, -y);
 }
 
 }  // namespace
@@ -154,6 +164,9 @@ void SplintField::build_shapes() {
         if (!prep_.free_poses.empty())
           free_ = swept_along(prep_.free_poses, par_.disclusion_mm, prep_.opposing, body_);
       });
+  const double near_mm = kSolidError * prep_.coarse.spacing_mm;
+  const auto solid = [&](const Vector3& p) { return estimate(p).value <= near_mm; };  // without the limit yet
+  limit_ = ImprintLimit(prep_, par_.imprint_depth_mm, solid);
 }
 
 void SplintField::place_label() {
@@ -221,12 +234,16 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   f.body = std::min(in.body, stamp);
   if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, in.body_smoothed);
+  // Beside the imprint nothing stands lower than d beyond the natural relief, but for the wall over the
+  // cavity.
+  if (!limit_.empty())
+    f.body =
+        std::max(f.body, std::min({limit_.below_mm(p), f.cavity - par_.wall_mm - kWallErrorMm, in.stamp}));
   if (label_) f.body = label_->raised_mm(p, f.body);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
-  f.rim =
-      std::max({p.z() - prep_.cut_mm(p, par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
+  f.rim = std::max({p.z() - prep_.cut_mm(p, par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
   const double film =
       par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);

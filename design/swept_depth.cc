@@ -81,8 +81,11 @@ void sample_chord(const Vector3& p, const Vector3& direction, double from_mm, do
   }
 }
 
-SweptDepth along_way(const Vector3& p, const Vector3& direction, double length_mm, const MeshQuery& solid) {
+/// Depths up to `past_mm` are not looked for.
+SweptDepth along_way(const Vector3& p, const Vector3& direction, double length_mm, const MeshQuery& solid,
+                     double past_mm) {
   SweptDepth best;
+  best.depth_mm = past_mm;
   double at = 0.0, entered = 0.0;
   for (int hits = 0; hits < kMostHits && at < length_mm; ++hits) {
     const auto hit = solid.ray(p, direction, at, 1e6);
@@ -92,20 +95,27 @@ SweptDepth along_way(const Vector3& p, const Vector3& direction, double length_m
     entered = hit->distance_mm;
     at = hit->distance_mm + kPastHitMm;
   }
+  if (best.depth_mm <= past_mm) best.depth_mm = 0.0;
   return best;
 }
 
 }  // namespace
 
-SweptDepth deepest_on_way(const std::vector<Vector3>& points, const Vector3& direction, double length_mm,
-                          const MeshQuery& solid) {
+std::vector<SweptDepth> depths_on_way(const std::vector<Vector3>& points, const Vector3& direction,
+                                      double length_mm, const MeshQuery& solid, double past_mm) {
   const Columns columns(solid.mesh(), direction);
   std::vector<SweptDepth> each(points.size());
   parallel_each(points.size(), [&](std::size_t i) {
-    if (columns.may_meet(points[i], length_mm)) each[i] = along_way(points[i], direction, length_mm, solid);
+    if (columns.may_meet(points[i], length_mm))
+      each[i] = along_way(points[i], direction, length_mm, solid, past_mm);
   });
+  return each;
+}
+
+SweptDepth deepest_on_way(const std::vector<Vector3>& points, const Vector3& direction, double length_mm,
+                          const MeshQuery& solid) {
   SweptDepth best;
-  for (const SweptDepth& one : each)
+  for (const SweptDepth& one : depths_on_way(points, direction, length_mm, solid, 0.0))
     if (one.depth_mm > best.depth_mm) best = one;
   return best;
 }

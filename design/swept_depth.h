@@ -19,4 +19,8 @@ struct SweptDepth {
 SweptDepth deepest_on_way(const std::vector<Vector3>& points_mm, const Vector3& direction, double length_mm,
                           const MeshQuery& solid);
 
+/// The same for each point by itself, where that is deeper than `past_mm`; a depth of 0 elsewhere.
+std::vector<SweptDepth> depths_on_way(const std::vector<Vector3>& points_mm, const Vector3& direction,
+                                      double length_mm, const MeshQuery& solid, double past_mm);
+
 }  // namespace gnathion

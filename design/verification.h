@@ -87,6 +87,14 @@ struct SplintVerification {
   /// What the opposing arch pressed into the splint, seen along its opening path.
   struct Imprint {
     double depth_mm = 0.0;  ///< of its walls beyond the natural relief of S_occ
+    /// The same but for walls that have no more than w over the cavity: those stand.
+    double avoidable_mm = 0.0;
+    struct Place {
+      double depth_mm = 0.0, area_mm2 = 0.0;
+      Vector3 where_mm = Vector3::Zero();    ///< deepest, on the splint, Dental
+      std::vector<std::uint8_t> teeth = {};  ///< FDI number of the tooth under the wall, where known
+    };
+    std::vector<Place> held_by_wall;  ///< deeper than d since w is kept; the deepest first
     Vector3 deepest_where_mm = Vector3::Zero();
     double undercut_mm = 0.0;  ///< how deep the arch runs into the splint when it opens
     Vector3 undercut_where_mm = Vector3::Zero();

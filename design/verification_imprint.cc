@@ -3,6 +3,7 @@
 #include <cmath>
 #include <optional>
 
+#include "design/imprint_limit.h"
 #include "design/parallel.h"
 #include "design/swept_depth.h"
 #include "design/verification_steps.h"
@@ -12,8 +13,8 @@ namespace {
 
 constexpr double kOpeningMm = 6.0;  // deeper than any imprint
 constexpr double kCellMm = 0.25;
-constexpr double kReachMm = 1.5;       // a wall that far beside holds the tooth
-constexpr double kInImprintMm = 0.35;  // from the opposing arch: contacts and the clearance about them
+// Over w: where the imprint's limit meets the wall, which the construction takes from a coarse grid.
+constexpr double kWallErrorMm = 0.1, kWallErrorSpacings = 0.5;
 constexpr double kNone = -1e9;
 
 /// Heights over a plane across the opening path, seen along it.
@@ -26,12 +27,19 @@ struct Relief {
   }
 };
 
-/// `up` is the direction towards the splint's arch. The opposing arch is asked for where the splint is.
-Relief seen_along(const Vector3& up, const FinishedSplint& splint, const Preparation& preparation) {
-  Matrix3 axes;
-  axes.col(2) = up;
-  axes.col(0) = Vector3(Vector3::UnitX() - up * up.x()).normalized();
-  axes.col(1) = up.cross(axes.col(0));
+/// Calls body(cell) for the cells within reach.
+template <class Body>
+void each_beside(const Relief& r, int i, int j, const Body& body) {
+  const int reach = static_cast<int>(kImprintReachMm / kCellMm);
+  for (int di = -reach; di <= reach; ++di)
+    for (int dj = -reach; dj <= reach; ++dj)
+      if (di * di + dj * dj <= reach * reach && i + di >= 0 && j + dj >= 0 && i + di < r.nx && j + dj < r.ny)
+        body(r.index(i + di, j + dj));
+}
+
+/// `axes` of the opening path. The opposing arch is asked for where the splint is.
+Relief seen_along(const Matrix3& axes, const FinishedSplint& splint, const Preparation& preparation) {
+  const Vector3 up = axes.col(2);
   Box box;
   for (const Vector3& v : splint.mesh().vertices_mm) box.extend(axes.transpose() * v);
   const Rigid3 natural_from_tp = preparation.tp_from_mi.inverse();
@@ -64,44 +72,145 @@ Relief seen_along(const Vector3& up, const FinishedSplint& splint, const Prepara
   return r;
 }
 
-/// How far the surface beside a cell stands out beyond `floor_mm` towards the opposing arch.
-double stands_out(const Relief& r, const std::vector<double>& surface, int i, int j, double floor_mm) {
-  const int reach = static_cast<int>(kReachMm / kCellMm);
-  double most = 0.0;
-  for (int di = -reach; di <= reach; ++di)
-    for (int dj = -reach; dj <= reach; ++dj) {
-      if (di * di + dj * dj > reach * reach || i + di < 0 || j + dj < 0 || i + di >= r.nx || j + dj >= r.ny)
-        continue;
-      const double height = surface[r.index(i + di, j + dj)];
-      if (height > kNone) most = std::max(most, floor_mm - height);
-    }
-  return most;
+/// The lowest height of a surface within reach of a cell, no higher than `floor_mm`.
+double lowest_beside(const Relief& r, const std::vector<double>& surface, int i, int j, double floor_mm) {
+  double lowest = floor_mm;
+  each_beside(r, i, j, [&](std::size_t c) {
+    if (surface[c] > kNone) lowest = std::min(lowest, surface[c]);
+  });
+  return lowest;
 }
 
-}  // namespace
-
-void verify_imprint(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out) {
-  const Rigid3 dental = preparation.design_from_dental.inverse();
-  // Along the occlusal normal, told in the design frame; z points to the splint's arch.
-  Vector3 up = preparation.design_from_dental.rotation * preparation.arch.up;
-  if (up.z() < 0.0) up = -up;
-
-  const Relief r = seen_along(up, splint, preparation);
-  std::vector<double> depth(r.splint.size(), 0.0);
+/// By cell, how far the splint stands out beyond what the imprints beside it find in the natural relief.
+std::vector<double> depth_beside_imprints(const Relief& r) {
+  std::vector<double> floor(r.splint.size(), kNone);
   parallel_each(r.nx, [&](int i) {
     for (int j = 0; j < r.ny; ++j) {
       const std::size_t c = r.index(i, j);
       if (r.splint[c] == kNone || r.opposing[c] == kNone || r.splint[c] - r.opposing[c] > kInImprintMm)
         continue;
-      depth[c] = std::max(
-          0.0, stands_out(r, r.splint, i, j, r.splint[c]) - stands_out(r, r.natural, i, j, r.splint[c]));
+      floor[c] = lowest_beside(r, r.natural, i, j, r.splint[c]);
     }
   });
-  const auto deepest = std::max_element(depth.begin(), depth.end());
-  if (deepest != depth.end() && *deepest > 0.0) {
-    out.imprint.depth_mm = *deepest;
-    out.imprint.deepest_where_mm = dental * r.on_splint[static_cast<std::size_t>(deepest - depth.begin())];
+  std::vector<double> depth(r.splint.size(), 0.0);
+  for (int i = 0; i < r.nx; ++i)
+    for (int j = 0; j < r.ny; ++j) {
+      const double here = floor[r.index(i, j)];
+      if (here == kNone) continue;
+      each_beside(r, i, j, [&](std::size_t c) {
+        if (r.splint[c] > kNone) depth[c] = std::max(depth[c], here - r.splint[c]);
+      });
+    }
+  return depth;
+}
+
+/// Whether cavity or tooth are within reach of the splint at each of the cells: the wall is all that stands.
+std::vector<char> only_wall(const Relief& r, const std::vector<std::size_t>& cells,
+                            const FinishedSplint& splint, const MeshQuery& support, double reach_mm) {
+  std::vector<char> out(cells.size(), 0);
+  if (cells.empty()) return out;
+  std::vector<Vector3> points;
+  for (const std::size_t c : cells) points.push_back(r.on_splint[c]);
+  const auto mark = [&](const MeshQuery& inner) {
+    const std::vector<ClosestHit> hits = closest_points(inner, points, reach_mm);
+    for (std::size_t n = 0; n < cells.size(); ++n)
+      if (hits[n].triangle != ClosestHit::kNoTriangle) out[n] = 1;
+  };
+  mark(support);
+  TriangleMesh cavity = splint.region({SurfacePart::kCavity});
+  if (!cavity.empty()) mark(MeshQuery(std::move(cavity)));
+  return out;
+}
+
+/// Cells that touch each other, as places; the deepest first.
+std::vector<SplintVerification::Imprint::Place> places_of(const Relief& r, const std::vector<double>& depth,
+                                                          std::vector<char> wanted) {
+  std::vector<SplintVerification::Imprint::Place> out;
+  for (std::size_t seed = 0; seed < wanted.size(); ++seed) {
+    if (!wanted[seed]) continue;
+    SplintVerification::Imprint::Place place;
+    std::vector<std::size_t> open{seed};
+    wanted[seed] = 0;
+    while (!open.empty()) {
+      const std::size_t c = open.back();
+      open.pop_back();
+      place.area_mm2 += kCellMm * kCellMm;
+      if (depth[c] > place.depth_mm) {
+        place.depth_mm = depth[c];
+        place.where_mm = r.on_splint[c];
+      }
+      const int i = static_cast<int>(c / static_cast<std::size_t>(r.ny)),
+                j = static_cast<int>(c % static_cast<std::size_t>(r.ny));
+      for (int di = -1; di <= 1; ++di)
+        for (int dj = -1; dj <= 1; ++dj) {
+          if (i + di < 0 || j + dj < 0 || i + di >= r.nx || j + dj >= r.ny) continue;
+          const std::size_t beside = r.index(i + di, j + dj);
+          if (!wanted[beside]) continue;
+          wanted[beside] = 0;
+          open.push_back(beside);
+        }
+    }
+    out.push_back(place);
   }
+  std::stable_sort(out.begin(), out.end(),
+                   [](const auto& a, const auto& b) { return a.depth_mm > b.depth_mm; });
+  return out;
+}
+
+/// The places on one tooth as one, where the deepest of them is.
+std::vector<SplintVerification::Imprint::Place> one_by_tooth(
+    const std::vector<SplintVerification::Imprint::Place>& deepest_first) {
+  std::vector<SplintVerification::Imprint::Place> out;
+  for (const auto& place : deepest_first) {
+    const auto same =
+        std::find_if(out.begin(), out.end(), [&](const auto& other) { return other.teeth == place.teeth; });
+    if (same == out.end())
+      out.push_back(place);
+    else
+      same->area_mm2 += place.area_mm2;
+  }
+  return out;
+}
+
+void measure_depth(const Relief& r, const FinishedSplint& splint, const Preparation& preparation,
+                   const SplintParameters& p, SplintVerification::Imprint& out) {
+  const std::vector<double> depth = depth_beside_imprints(r);
+  std::vector<std::size_t> deep;
+  for (std::size_t c = 0; c < depth.size(); ++c) {
+    if (depth[c] > out.depth_mm) {
+      out.depth_mm = depth[c];
+      out.deepest_where_mm = r.on_splint[c];
+    }
+    if (depth[c] > p.imprint_depth_mm)
+      deep.push_back(c);
+    else
+      out.avoidable_mm = std::max(out.avoidable_mm, depth[c]);
+  }
+  const std::vector<char> held =
+      only_wall(r, deep, splint, preparation.support,
+                p.wall_mm + kWallErrorMm + kWallErrorSpacings * preparation.coarse.spacing_mm);
+  std::vector<char> cells(depth.size(), 0);
+  for (std::size_t n = 0; n < deep.size(); ++n) {
+    cells[deep[n]] = held[n];
+    if (!held[n]) out.avoidable_mm = std::max(out.avoidable_mm, depth[deep[n]]);
+  }
+  out.held_by_wall = places_of(r, depth, std::move(cells));
+}
+
+}  // namespace
+
+void verify_imprint(const FinishedSplint& splint, const Preparation& preparation, const SplintParameters& p,
+                    const TriangleMesh& support_dental, SplintVerification& out) {
+  const Rigid3 dental = preparation.design_from_dental.inverse();
+  const Vector3 up = opening_axes(preparation).col(2);
+  measure_depth(seen_along(opening_axes(preparation), splint, preparation), splint, preparation, p,
+                out.imprint);
+  out.imprint.deepest_where_mm = dental * out.imprint.deepest_where_mm;
+  for (auto& place : out.imprint.held_by_wall) {
+    place.where_mm = dental * place.where_mm;
+    place.teeth = tooth_at(place.where_mm, support_dental, preparation.support_fdi);
+  }
+  out.imprint.held_by_wall = one_by_tooth(out.imprint.held_by_wall);
 
   const SweptDepth theirs =
       deepest_on_way(preparation.opposing.mesh().vertices_mm, -up, kOpeningMm, splint.query);

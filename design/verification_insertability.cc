@@ -37,6 +37,8 @@ std::vector<Vector3> beside(const std::vector<Vector3>& points, const Box& box) 
   return out;
 }
 
+}  // namespace
+
 std::vector<std::uint8_t> tooth_at(const Vector3& place_dental, const TriangleMesh& support,
                                    const std::vector<std::uint8_t>& fdi) {
   double nearest = kToothMm * kToothMm;
@@ -52,11 +54,8 @@ std::vector<std::uint8_t> tooth_at(const Vector3& place_dental, const TriangleMe
   return {tooth};
 }
 
-}  // namespace
-
 void verify_insertability(const FinishedSplint& splint, const Preparation& preparation,
-                          const TriangleMesh& support_dental, const std::vector<std::uint8_t>& support_fdi,
-                          SplintVerification& out) {
+                          const TriangleMesh& support_dental, SplintVerification& out) {
   // Seen from its seat: the splint's points leave along -a, or the arch's points enter along +a.
   const Vector3 a = Vector3::UnitZ();
   const Box box = bounding_box(splint.mesh());
@@ -68,7 +67,7 @@ void verify_insertability(const FinishedSplint& splint, const Preparation& prepa
   const Vector3 on_splint = from_ours ? ours.start_mm : Vector3(theirs.start_mm + theirs.way_mm * a);
   const Rigid3 dental = preparation.design_from_dental.inverse();
   out.insertability = {deepest.depth_mm, deepest.way_mm, dental * on_splint,
-                       tooth_at(dental * on_splint, support_dental, support_fdi)};
+                       tooth_at(dental * on_splint, support_dental, preparation.support_fdi)};
 }
 
 }  // namespace gnathion

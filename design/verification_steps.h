@@ -43,14 +43,17 @@ void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, c
 /// Depth of the opposing arch in the splint on its excursions; nothing where none were asked for.
 void verify_freedom(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out);
 
-/// Moves the splint along the seating direction onto its arch. `support_fdi` per vertex of the arch's scan as
-/// given (`support_dental`).
+/// Moves the splint along the seating direction onto its arch. `support_dental` is that arch's scan as given.
 void verify_insertability(const FinishedSplint& splint, const Preparation& preparation,
-                          const TriangleMesh& support_dental, const std::vector<std::uint8_t>& support_fdi,
-                          SplintVerification& out);
+                          const TriangleMesh& support_dental, SplintVerification& out);
 
 /// Depth of the opposing arch's imprint beyond the natural relief, and its undercuts to the opening path.
-void verify_imprint(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out);
+void verify_imprint(const FinishedSplint& splint, const Preparation& preparation, const SplintParameters& p,
+                    const TriangleMesh& support_dental, SplintVerification& out);
+
+/// The tooth within 2 mm of a place, by the nearest vertex of the supporting arch's scan; or none.
+std::vector<std::uint8_t> tooth_at(const Vector3& place_dental, const TriangleMesh& support_dental,
+                                   const std::vector<std::uint8_t>& support_fdi);
 
 /// Settles splint and opposing arch; fills predicted_seating or seating_note.
 void verify_seating(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
