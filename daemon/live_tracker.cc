@@ -72,6 +72,7 @@ struct LiveTracker::State {
   bool stopping = false;
   Instant gathering;  ///< not yet complete
   std::optional<Instant> ready;
+  std::optional<HostTime> taken_up;  ///< the newest instant that was ready
   std::optional<std::string> mi;
   LiveTrackerStatus status;
   std::deque<std::pair<HostTime, double>> latencies_ms;
@@ -110,9 +111,17 @@ void LiveTracker::take(FramePtr frame) {
   if (camera == cameras.end()) return;
   const auto slot = static_cast<std::size_t>(camera - cameras.begin());
   std::lock_guard lock(s.mutex);
+  // Its instant has gone without it: a second pose of the same time, from one camera, would only be worse.
+  const HostTime capture = frame->frame.header.capture;
+  if (s.taken_up && capture.seconds_since(*s.taken_up) <= s.options.same_instant_s &&
+      capture.seconds_since(*s.taken_up) > -1) {
+    ++s.status.skipped;
+    return;
+  }
   const auto give = [&] {
     if (s.gathering.count == 0) return;
     if (s.ready) ++s.status.skipped;
+    s.taken_up = s.gathering.first()->frame.header.capture;
     s.ready = std::move(s.gathering);
     s.gathering = Instant{std::vector<FramePtr>(cameras.size()), 0, {}};
     s.arrived.notify_all();
@@ -139,6 +148,7 @@ std::optional<Instant> LiveTracker::State::wait_for_instant() {
     arrived.wait_for(lock, std::chrono::duration<double>(options.partner_wait_s),
                      [&] { return stopping || ready.has_value(); });
   if (!ready && gathering.count > 0) {
+    taken_up = gathering.first()->frame.header.capture;
     ready = std::move(gathering);
     gathering = Instant{std::vector<FramePtr>(options.rig.cameras.size()), 0, {}};
   }

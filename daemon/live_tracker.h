@@ -18,7 +18,8 @@ struct LiveTrackerOptions {
   Rig rig;
   std::optional<Transform<Bow, Dental>> bow_from_dental;  ///< T_D of the case's chain
   double same_instant_s = 0.002;
-  double partner_wait_s = 0.006;  ///< how long a frame waits for those of the other cameras
+  double partner_wait_s =
+      0.006;  ///< how long a frame waits for those of the other cameras; later ones are left out
 };
 
 struct LiveTrackerStatus {

@@ -244,6 +244,23 @@ TEST_F(Audit, AWriterThatIsKilledLeavesATrailThatGoesOn) {
   }
 }
 
+TEST_F(Audit, AVerifierSeesWhatStoodThereAndKeepsNobodyWaiting) {
+  auto trail = AuditTrail::open(trail_);
+  ASSERT_TRUE(trail);
+  for (int i = 0; i < 300; ++i) ASSERT_TRUE(trail->append({"uid", "what", "case", "x"}, HostTime{i}));
+  std::atomic<bool> over{false};
+  std::atomic<int> good{0}, bad{0};
+  std::thread verifier([&] {
+    while (!over) ++(verdict().good() ? good : bad);
+  });
+  while (good + bad == 0) std::this_thread::yield();
+  for (int i = 0; i < 100; ++i) ASSERT_TRUE(trail->append({"uid", "what", "case", "x"}, HostTime{i}));
+  over = true;
+  verifier.join();
+  EXPECT_EQ(bad, 0);  // lines that came while it hashed are not held against it
+  EXPECT_EQ(verdict().head.lines, 400u);
+}
+
 TEST_F(Audit, WhatIsNoTrailIsRefused) {
   ASSERT_TRUE(write_file(trail_, "hello\nworld\n"));
   EXPECT_FALSE(AuditTrail::open(trail_));

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/file.h"
+#include "core/interrupt.h"
 #include "core/random.h"
 #include "core/transform_io.h"
 
@@ -254,6 +255,110 @@ TEST_F(Steps, KilledAtAnyMomentItEndsWithTheSameBytes) {
   }
   EXPECT_GT(kills, 5);
   std::printf("%d kills\n", kills);
+}
+
+/// A process in the middle of a step; ends by itself only when nobody ends it.
+pid_t in_the_middle_of_a_step(const fs::path& folder, bool cleans_up) {
+  const pid_t pid = ::fork();
+  if (pid != 0) return pid;
+  if (cleans_up) clean_up_when_interrupted();
+  ManualClock clock(HostTime{1});
+  auto steps = CaseSteps::open(folder, "p-1", false, clock);
+  if (steps)
+    (void)steps->run({"slow", 1, {}, {}, "{}"}, [&](const fs::path& out, StepRecord&) -> Status {
+      GNATHION_CHECK_OK(write_file(out / "half.json", "{"));
+      GNATHION_CHECK_OK(write_file(folder / "begun", ""));
+      for (int i = 0; i < 6000; ++i) ::usleep(10'000);
+      return {};
+    });
+  ::_exit(1);
+}
+
+int ended_by(pid_t pid, int signal) {
+  ::kill(pid, signal);
+  int status = 0;
+  ::waitpid(pid, &status, 0);
+  return WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+}
+
+bool comes(const fs::path& path) {
+  for (int i = 0; i < 3000 && !fs::exists(path); ++i) ::usleep(10'000);
+  return fs::exists(path);
+}
+
+TEST_F(Steps, ARunThatIsInterruptedLeavesNothingHalfMade) {
+  ASSERT_TRUE(run());
+  for (const int signal : {SIGTERM, SIGINT, SIGHUP}) {
+    fs::remove(folder_ / "begun");
+    const pid_t pid = in_the_middle_of_a_step(folder_, true);
+    ASSERT_TRUE(comes(folder_ / "begun"));
+    ASSERT_TRUE(fs::exists(folder_ / ".steps/.slow.part/half.json"));
+    EXPECT_EQ(ended_by(pid, signal), signal);  // as who sent it expects
+    EXPECT_FALSE(fs::exists(folder_ / ".steps/.slow.part")) << signal;
+  }
+  // Killed, it can clean nothing: who comes next does, and touches no run that is at work.
+  fs::remove(folder_ / "begun");
+  const pid_t pid = in_the_middle_of_a_step(folder_, true);
+  ASSERT_TRUE(comes(folder_ / "begun"));
+  EXPECT_FALSE(clean_interrupted_run(folder_));
+  EXPECT_TRUE(fs::exists(folder_ / ".steps/.slow.part"));
+  EXPECT_EQ(ended_by(pid, SIGKILL), SIGKILL);
+  fs::create_directory(folder_ / ".results.part");
+  EXPECT_TRUE(clean_interrupted_run(folder_));
+  EXPECT_FALSE(fs::exists(folder_ / ".steps/.slow.part"));
+  EXPECT_FALSE(fs::exists(folder_ / ".results.part"));
+  EXPECT_FALSE(clean_interrupted_run(folder_));
+  EXPECT_EQ(told(run()), "a= b= c= ");  // what was done before stays
+}
+
+TEST_F(Steps, AnInputThatChangesWhileItIsReadEndsTheRun) {
+  ManualClock clock(HostTime{1});
+  auto steps = CaseSteps::open(folder_, "p-1", false, clock);
+  ASSERT_TRUE(steps);
+  ASSERT_TRUE(steps->know(folder_ / "two"));
+  const auto ran = steps->run({"x", 1, {{"in.one", folder_ / "one"}}, {}, "{}"},
+                              [&](const fs::path& out, StepRecord&) -> Status {
+                                GNATHION_CHECK_OK(write_file(folder_ / "two", "another"));
+                                return write_file(out / "x", "x");
+                              });
+  ASSERT_FALSE(ran);
+  EXPECT_NE(ran.error().line().find("was changed while the case was run"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder_ / ".steps/x"));
+}
+
+TEST_F(Steps, AFileOutsideTheCaseIsNamedWithoutItsPlace) {
+  const fs::path outside = fs::temp_directory_path() / ("gnathion_elsewhere_" + std::to_string(::getpid()));
+  ASSERT_TRUE(write_file(outside, "x"));
+  {
+    ManualClock clock(HostTime{1});
+    auto steps = CaseSteps::open(folder_, "p-1", false, clock);
+    ASSERT_TRUE(steps);
+    ASSERT_TRUE(steps->run({"x", 1, {{"in.x", outside}}, {}, "{}"}, [](const fs::path& out, StepRecord&) {
+      return write_json(out / "x.json", {{"a", 1}});
+    }));
+    ASSERT_TRUE(steps->publish());
+  }
+  for (const char* file : {"provenance.json", "x.json"}) {
+    const std::string text = *read_file(folder_ / "results" / file);
+    EXPECT_EQ(text.find(outside.parent_path().string() + "/"), std::string::npos) << text;
+    EXPECT_NE(text.find(outside.filename().string()), std::string::npos);
+  }
+  EXPECT_EQ(changed(), 0u);
+  const auto tree = trace_provenance(folder_, "x.json");
+  ASSERT_TRUE(tree);
+  EXPECT_NE(provenance_text(*tree).find("not compared"), std::string::npos);
+  fs::remove(outside);
+}
+
+TEST_F(Steps, AnotherBuildOfTheSameVersionRedoes) {
+  ASSERT_TRUE(run());
+  const fs::path record = folder_ / ".steps/a/step.json";
+  json j = *read_json(record);
+  EXPECT_EQ(j["build"].get<std::string>().size(), 16u);
+  j["build"] = "0123456789abcdef";
+  j["key"] = "of that build";
+  ASSERT_TRUE(write_json(record, j));
+  EXPECT_EQ(told(run()).substr(0, 36), "a!made by another build of gnathion ");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "core/mesh_io.h"
 #include "core/transform_io.h"
 #include "occlusion/test_jaws.h"
+#include "pipeline/case_private.h"
 #include "pipeline/dpvision_workspace.h"
 #include "tracking/motion_file.h"
 
@@ -257,6 +258,44 @@ TEST_F(Import, WhatIsUnsureIsAskedFor) {
   EXPECT_FALSE(fs::exists(root_ / "p-3"));
   for (const auto& f : fs::directory_iterator(root_))
     EXPECT_EQ(f.path().filename().string().find(".import"), std::string::npos);
+}
+
+TEST_F(Import, NoLinkLeadsOutOfAFolder) {
+  ASSERT_TRUE(write_mesh(root_ / "secret.stl", jaws().maxilla));
+  fs::create_symlink(root_ / "secret.stl", root_ / "in" / "face.stl");
+  fs::create_symlink(root_ / "secret.stl", root_ / "in" / "other.stl");
+  ASSERT_TRUE(import(root_ / "in", "p-1"));
+  EXPECT_TRUE(read_case(root_ / "p-1")->face_mi.empty());
+  for (const char* name : {"other.stl", "../secret.stl", "none.stl"})
+    EXPECT_FALSE(import(root_ / "in", "p-2", {{"face_mi", name}})) << name;
+  EXPECT_FALSE(import(root_ / "in", "p-2", {{"face_mi", (root_ / "secret.stl").string()}}));
+  // A rig's bodies travel with it; a link to a body does not.
+  ASSERT_TRUE(write_file(root_ / "secret.toml", "x"));
+  ASSERT_TRUE(write_file(root_ / "in" / "rig.toml", "bow = \"bow.toml\"\n"));
+  fs::create_symlink(root_ / "secret.toml", root_ / "in" / "bow.toml");
+  EXPECT_FALSE(import(root_ / "in", "p-2"));
+  fs::remove(root_ / "in" / "bow.toml");
+  ASSERT_TRUE(write_file(root_ / "in" / "bow.toml", "x"));
+  EXPECT_TRUE(import(root_ / "in", "p-2"));
+  EXPECT_FALSE(copy_private(root_ / "in" / "face.stl", root_ / "copy.stl", LinkUse::kRefuse));
+  EXPECT_FALSE(fs::exists(root_ / "copy.stl"));
+}
+
+TEST_F(Import, WhatIsSentIsWhatIsRead) {
+  const auto names_of = [&](const fs::path& from) {
+    std::string text;
+    for (const ImportSource& s : import_sources(from).value_or(std::vector<ImportSource>{}))
+      text += s.name + " ";
+    return text;
+  };
+  EXPECT_EQ(names_of(root_ / "in"), "Kowalski_Upper.stl Kowalski_lower.stl ");
+  ASSERT_TRUE(write_file(root_ / "w.dpw", "shell { label \"u\" file \"in/Kowalski_Upper.stl\" }\n"));
+  EXPECT_EQ(names_of(root_ / "w.dpw"), "w.dpw in/Kowalski_Upper.stl ");
+  ASSERT_TRUE(write_file(root_ / "w.dpw", "shell { file \"../passwd\" }\n"));
+  EXPECT_FALSE(import_sources(root_ / "w.dpw"));
+  ASSERT_TRUE(write_file(root_ / "s.mhd", "NDims = 3\nElementDataFile = w.dpw\n"));
+  EXPECT_EQ(names_of(root_ / "s.mhd"), "s.mhd w.dpw ");
+  EXPECT_FALSE(import_sources(root_ / "none"));
 }
 
 TEST_F(Import, AWorkspaceGoesInAndOutAndInAgain) {

@@ -162,6 +162,19 @@ TEST_F(DaemonSession, CaseTomlNamesTheNewestRecording) {
     EXPECT_EQ(named_recording(), folder / "recordings/recording_001.mcap");
   }
   EXPECT_TRUE(eventually([&] { return named_recording() == folder / "recordings/recording_002.mcap"; }));
+  {  // So it is across a crash and a restart.
+    const auto lock = CaseLock::take(folder, "test");
+    ASSERT_TRUE(lock);
+    ASSERT_TRUE(client_->start("held"));
+    ASSERT_TRUE(client_->stop());
+    daemon_->kill_and_wait();
+    ASSERT_TRUE(daemon_->start()) << daemon_->log();
+    EXPECT_EQ(named_recording(), folder / "recordings/recording_002.mcap");
+  }
+  EXPECT_TRUE(eventually([&] { return named_recording() == folder / "recordings/held.mcap"; }));
+  EXPECT_FALSE(fs::exists(daemon_->state() / "waiting_recordings.json"));
+  client_ = daemon_->connect();
+  ASSERT_TRUE(client_->arm("case-1"));
   // The daemon is killed while it records: the next start enters what it makes whole.
   ASSERT_TRUE(client_->start());
   ASSERT_TRUE(eventually([&] { return client_->session()->file_bytes > 100'000; }));
