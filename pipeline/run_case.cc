@@ -51,8 +51,10 @@ Result<PositionRoute> route_of(const CaseFile& files) {
 Status track(Run& run) {
   const CaseFile& files = run.files;
   GNATHION_CHECK_OK(need(files.rig, files, "rig"));
-  GNATHION_TRY(const Rig rig, read_rig(files.rig));
   GNATHION_TRY(const std::vector<StepInput> bodies, rig_inputs(files.rig));
+  GNATHION_CHECK_OK(run.steps.know(files.rig));
+  for (const StepInput& body : bodies) GNATHION_CHECK_OK(run.steps.know(body.path));
+  GNATHION_TRY(const Rig rig, read_rig(files.rig));
   StepSpec spec{"track", 1, {{"session.recording", files.recording}, {"session.rig", files.rig}}, {}, "{}"};
   spec.inputs.insert(spec.inputs.end(), bodies.begin(), bodies.end());
   run.progress.begin_step("replaying and tracking the recording", 0.25);
@@ -313,6 +315,7 @@ Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, P
   Run run{files, options, std::move(steps), progress, {}, {}};
   run.r.case_id = files.id;
   run.r.route = route;
+  for (const fs::path& scan : {files.maxilla_mi, files.mandible_mi}) GNATHION_CHECK_OK(run.steps.know(scan));
   GNATHION_TRY(const TriangleMesh maxilla, read_jaw(files.maxilla_mi));
   GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
   GNATHION_CHECK_OK(find_position(run, mandible));

@@ -2,12 +2,10 @@
 
 #include <fmt/format.h>
 
-#include <chrono>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "core/transform_io.h"
-#include "core/utc.h"
 #include "pipeline/toml_file.h"
 
 namespace gnathion {
@@ -78,22 +76,8 @@ Result<StepSpec> frames_spec(const CaseFile& files) {
                  {"scans.mandible_tp", files.mandible_tp}},
                 {{"chain", "chain.json"}, {"position", "T_th.json"}},
                 ""};
-  json parameters = {{"dates", json::object()}};
-  const auto date_of = [&](const char* role, const fs::path& path) {
-    std::error_code ec;
-    const auto time = fs::last_write_time(path, ec);
-    if (path.empty() || ec) return;
-    const auto since = std::chrono::file_clock::to_sys(time).time_since_epoch();
-    parameters["dates"][role] =
-        utc_text(HostTime{std::chrono::duration_cast<std::chrono::nanoseconds>(since).count()});
-  };
-  for (const auto& [role, path] : {std::pair{"mandible_clutch", files.mandible_clutch},
-                                   {"face_mi", files.face_mi},
-                                   {"face_tp", files.face_tp},
-                                   {"recording", files.recording},
-                                   {"maxilla_tp", files.maxilla_tp},
-                                   {"mandible_tp", files.mandible_tp}})
-    date_of(role, path);
+  // When files were written is told in the result and is no part of the key: a case that was copied is the same.
+  json parameters = json::object();
   GNATHION_TRY(const toml::table t, read_toml(files.toml(), "cannot read case"));
   if (const toml::array* frames = t["frame"].as_array()) {
     std::ostringstream text;
@@ -105,9 +89,7 @@ Result<StepSpec> frames_spec(const CaseFile& files) {
       if (!node.is_table()) continue;
       for (const char* key : {"transform", "scan"})
         if (const auto name = (*node.as_table())[key].value<std::string>()) {
-          const std::string role = fmt::format("frame {}.{}", n, key);
-          spec.inputs.push_back({role, files.folder / *name});
-          date_of(role.c_str(), files.folder / *name);
+          spec.inputs.push_back({fmt::format("frame {}.{}", n, key), files.folder / *name});
         }
     }
   }
