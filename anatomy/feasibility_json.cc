@@ -23,6 +23,7 @@ json constraint_json(const Constraint& c) {
           {"limit", c.checked ? json(c.limit) : json(nullptr)},
           {"unit", c.unit},
           {"pass", c.pass},
+          {"checked", c.checked},
           {"where_mm", point_json(c.where_mm)},
           {"teeth", teeth},
           {"consequence", c.consequence},

@@ -55,8 +55,7 @@ struct LimitRow {
   Severity severity = Severity::kBlocks;
   std::string why;  ///< and where the number comes from
 };
-/// The table that the constraints and `gnathion check --limits` are made from; docs/realizability.md has it
-/// with the sources in full.
+/// The table that the constraints are made from; docs/realizability.md has it with the sources in full.
 std::vector<LimitRow> limit_table(const RealizabilityLimits& limits = {});
 
 }  // namespace gnathion

@@ -161,7 +161,8 @@ struct JointXray::Beam {
   XrayFilm resting;
 
   double attenuation(double value) const {
-    return std::max(0.0, options.water_per_mm * (1.0 + value / 1000.0));
+    return std::max(
+        0.0, options.water_per_mm * (value - options.air_value) / (options.water_value - options.air_value));
   }
 
   /// Of a pixel, in Dental: where its ray begins, and one step along it.

@@ -39,6 +39,8 @@ struct XrayOptions {
   double depth_mm = 70.0;        ///< only this much of the head along the beam: the other joint stays out
   double source_mm = 0.0;        ///< from the joint's centre to the focus; 0: parallel beam
   double water_per_mm = 0.0206;  ///< attenuation of water, at 60 keV (NIST XCOM)
+  double air_value = -1000.0;    ///< value that attenuates nothing; less is taken for it
+  double water_value = 0.0;      ///< value that attenuates as water does, linear between and beyond
   double soft_tissue = 50.0;     ///< value of what fills the hole that the mandible leaves
 };
 
@@ -61,7 +63,7 @@ XrayWindow window_of(const XrayFilm& film);
 class JointXray {
  public:
   /// `centre_mm`: of the condyle in Dental; `scanned_from_mi`: motion of the mandible from MI to where it was
-  /// in the volume (identity: it was scanned in MI). Values of the volume are Hounsfield units.
+  /// in the volume (identity: it was scanned in MI).
   static Result<JointXray> create(const Volume& volume, const Transform<Cbct, Dental>& cbct_from_dental,
                                   const VoxelMask& mandible, const Vector3& centre_mm, const XrayView& view,
                                   const XrayOptions& options,

@@ -6,11 +6,11 @@
 
 #include "anatomy/volume/iso_surface.h"
 #include "cli/command.h"
+#include "cli/patient_options.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "core/transform_io.h"
 #include "occlusion/arch.h"
-#include "occlusion/teeth.h"
 #include "pipeline/cbct_steps.h"
 
 namespace gnathion {
@@ -95,9 +95,7 @@ Result<std::vector<bool>> crowns_of(const TriangleMesh& maxilla, const std::stri
   if (mandible.empty()) return std::vector<bool>();
   GNATHION_TRY(const TriangleMesh lower, read_jaw(mandible));
   GNATHION_TRY(const ArchFrame frame, find_arch(maxilla, lower));
-  std::vector<bool> mask;
-  for (const std::uint8_t fdi : assign_teeth(maxilla, frame, Arch::kMaxilla)) mask.push_back(fdi != 0);
-  return mask;
+  return crown_mask(maxilla, frame, Arch::kMaxilla);
 }
 
 Result<CommandOutput> register_volume(const RegisterOptions& o, const CommonOptions& common,
@@ -206,47 +204,12 @@ void add_surface(CLI::App& cbct, ChosenCommand& chosen) {
   });
 }
 
-/// Where one joint is, as options give it.
-struct RegionOptions {
-  std::vector<double> box, condyle, fossa;
-
-  void add_to(CLI::App& command, const std::string& side) {
-    command.add_option("--box-" + side, box, "X0 Y0 Z0 X1 Y1 Z1 around the " + side + " joint, LPS mm")
-        ->expected(6);
-    command.add_option("--condyle-" + side, condyle, "X Y Z on the " + side + " condyle, LPS mm")
-        ->expected(3);
-    command.add_option("--fossa-" + side, fossa, "X Y Z on the bone of the " + side + " fossa, LPS mm")
-        ->expected(3);
-  }
-  std::optional<JointRegion> region() const {
-    if (box.empty() && condyle.empty() && fossa.empty()) return {};
-    constexpr double kAroundMm = 17.0;
-    JointRegion r;
-    const auto point = [](const std::vector<double>& v, std::size_t at) {
-      return Vector3(v[at], v[at + 1], v[at + 2]);
-    };
-    if (!condyle.empty()) r.condyle_seed_mm = point(condyle, 0);
-    if (!fossa.empty()) r.fossa_seed_mm = point(fossa, 0);
-    if (!box.empty()) {
-      r.box_mm.extend(point(box, 0));
-      r.box_mm.extend(point(box, 3));
-    } else {
-      for (const auto& seed : {r.condyle_seed_mm, r.fossa_seed_mm}) {
-        if (!seed) continue;
-        r.box_mm.extend(*seed - Vector3::Constant(kAroundMm));
-        r.box_mm.extend(*seed + Vector3::Constant(kAroundMm));
-      }
-    }
-    return r;
-  }
-};
-
 struct JointOptions {
   VolumeOptions volume;
   std::string maxilla, mandible, registration, labels, out;
   double bone_level = NAN;
   std::vector<int> condyle_labels, fossa_labels;
-  RegionOptions left, right;
+  std::optional<JointRegion> left, right;
 };
 
 std::string told(const Joints& joints) {
@@ -266,8 +229,8 @@ Result<CommandOutput> find_joints(const JointOptions& o, const CommonOptions& co
   options.read.series = o.volume.series;
   if (std::isfinite(o.bone_level)) options.bone_level = o.bone_level;
   if (!o.registration.empty()) GNATHION_CHECK_OK(read_cbct_registration(o.registration, options));
-  options.left = o.left.region();
-  options.right = o.right.region();
+  options.left = o.left;
+  options.right = o.right;
   options.labels = o.labels;
   options.condyle_labels = o.condyle_labels;
   options.fossa_labels = o.fossa_labels;
@@ -289,8 +252,8 @@ void add_joints(CLI::App& cbct, ChosenCommand& chosen) {
   command->add_option("--mandible", o->mandible, "lower arch in MI")->required();
   command->add_option("--registration", o->registration, "cbct_from_dental.json; else registered anew");
   command->add_option("--bone-level", o->bone_level, "value where bone begins; else by Otsu");
-  o->left.add_to(*command, "left");
-  o->right.add_to(*command, "right");
+  add_region_options(*command, "left", o->left);
+  add_region_options(*command, "right", o->right);
   CLI::Option* labels =
       command->add_option("--labels", o->labels, "label map in the volume's frame (NIfTI, NRRD)");
   command->add_option("--condyle-label", o->condyle_labels, "label of the mandible; repeatable")

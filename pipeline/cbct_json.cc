@@ -27,6 +27,7 @@ json joints_json(const Joints& joints) {
             {"surface_sigma_mm", joints.surface_sigma_mm ? json(*joints.surface_sigma_mm) : json()},
             {"condyle_covariance", optional_covariance(joints.condyle_covariance)},
             {"fossa_covariance", optional_covariance(joints.fossa_covariance)},
+            {"mi_assumed", joints.mi_assumed},
             {"warnings", joints.warnings}};
   for (const auto* side : {&joints.left, &joints.right}) {
     if (!*side) continue;

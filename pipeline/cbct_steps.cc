@@ -10,17 +10,18 @@
 #include "occlusion/teeth.h"
 
 namespace gnathion {
-namespace {
-
-constexpr const char* kWhat = "cannot find joints";
-/// A mandible that lies less beside MI than this at the condyles was in MI, as far as a bite repeats itself.
-constexpr double kInMiMm = 0.3;
 
 std::vector<bool> crown_mask(const TriangleMesh& arch, const ArchFrame& frame, Arch which) {
   std::vector<bool> mask;
   for (const std::uint8_t fdi : assign_teeth(arch, frame, which)) mask.push_back(fdi != 0);
   return mask;
 }
+
+namespace {
+
+constexpr const char* kWhat = "cannot find joints";
+/// A mandible that lies less beside MI than this at the condyles was in MI, as far as a bite repeats itself.
+constexpr double kInMiMm = 0.3;
 
 /// How the mandible lay in the scan, by its own crowns.
 struct MandibleInScan {
@@ -95,12 +96,13 @@ Result<JointRegion> found_region(const Volume& volume, double level, const ArchF
   // A roof that is cut off leaves the fossa's side walls, and these a distance that is too large.
   constexpr double kAboveMm = 5.0, kBesideMm = 8.0;
   const double above = whole.max_mm.z() - top.z();
-  const double beside = std::min((whole.max_mm - top).head<2>().minCoeff(), (top - whole.min_mm).head<2>().minCoeff());
+  const double beside =
+      std::min((whole.max_mm - top).head<2>().minCoeff(), (top - whole.min_mm).head<2>().minCoeff());
   if (above < kAboveMm || beside < kBesideMm)
-    warnings.push_back(fmt::format("{} joint: the volume ends {:.1f} mm {} the condyle: the fossa may be cut off, and "
-                                   "the true distance smaller",
-                                   side_name(side), above < kAboveMm ? above : beside,
-                                   above < kAboveMm ? "above" : "beside"));
+    warnings.push_back(fmt::format(
+        "{} joint: the volume ends {:.1f} mm {} the condyle: the fossa may be cut off, and "
+        "the true distance smaller",
+        side_name(side), above < kAboveMm ? above : beside, above < kAboveMm ? "above" : "beside"));
   JointRegion region;  // as far as the volume goes: a head has room above its joints, a field of view may not
   region.box_mm.extend((top - Vector3(17, 20, 20)).cwiseMax(whole.min_mm));
   region.box_mm.extend((top + Vector3(17, 17, 10)).cwiseMin(whole.max_mm));
@@ -122,8 +124,9 @@ class JointFinder {
     if (given) {
       region = *given;
     } else {
-      GNATHION_TRY(region, found_region(volume_.file.volume, level_, frame_, side,
-                                        volume_.cbct_from_dental.rigid, mandible_.cbct_from_mandible, warnings));
+      GNATHION_TRY(region,
+                   found_region(volume_.file.volume, level_, frame_, side, volume_.cbct_from_dental.rigid,
+                                mandible_.cbct_from_mandible, warnings));
     }
     GNATHION_TRY(const JointSurfaces s, surfaces(side, region, warnings));
     Joint joint;

@@ -13,6 +13,7 @@
 #include "core/progress.h"
 #include "core/result.h"
 #include "core/transform.h"
+#include "occlusion/arch.h"
 #include "registration/align.h"
 
 namespace gnathion {
@@ -35,6 +36,8 @@ struct CbctOptions {
   std::vector<int> condyle_labels, fossa_labels;
 };
 
+/// Which vertices of an arch are crowns.
+std::vector<bool> crown_mask(const TriangleMesh& arch, const ArchFrame& frame, Arch which);
 /// cbct_from_dental by the crowns of an arch (dental frame). `crowns` marks their vertices; empty: all of the
 /// arch takes part, and the crowns must be a third of it. `guess` within about 3 mm and 5°; none: searched
 /// everywhere. Refused (kInput) when not convincing: too few crowns found, residuals beyond half a voxel.

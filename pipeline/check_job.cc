@@ -32,15 +32,21 @@ double reach_of(const std::vector<Rigid3>& motions, const Vector3& point_mm) {
 
 }  // namespace
 
-std::vector<std::string> PatientFiles::paths() const {
+std::vector<std::string> KnowledgeFiles::paths() const {
   std::vector<std::string> out;
-  for (const fs::path* p :
-       {&maxilla, &mandible, &cbct, &cbct_pose, &cbct_options.labels, &motion, &calibration})
+  for (const fs::path* p : {&cbct, &cbct_pose, &cbct_options.labels, &motion, &calibration})
     if (!p->empty()) out.push_back(p->string());
   return out;
 }
 
-Result<CbctOptions> cbct_options_of(const PatientFiles& files) {
+std::vector<std::string> PatientFiles::paths() const {
+  std::vector<std::string> out = KnowledgeFiles::paths();
+  out.push_back(maxilla.string());
+  out.push_back(mandible.string());
+  return out;
+}
+
+Result<CbctOptions> cbct_options_of(const KnowledgeFiles& files) {
   CbctOptions options = files.cbct_options;
   if (files.cbct_pose.empty()) return options;
   GNATHION_CHECK_OK(read_cbct_registration(files.cbct_pose, options));
@@ -54,10 +60,11 @@ namespace {
 Status plausible_joints(const RealizabilityChecker& checker, const Joints& joints, const fs::path& where) {
   constexpr double kDeepestInMiMm = 1.0, kWidestInMiMm = 10.0, kOffMm = 30.0;
   const auto refuse = [&](Side side, const std::string& why) {
-    return bad_input("cannot check joints", where.string(), fmt::format("{} joint: {}", side_name(side), why));
+    return bad_input("cannot check joints", where.string(),
+                     fmt::format("{} joint: {}", side_name(side), why));
   };
-  for (const auto& [known, query] : {std::pair(&joints.left, &checker.joints().left),
-                                     std::pair(&joints.right, &checker.joints().right)}) {
+  for (const auto& [known, query] :
+       {std::pair(&joints.left, &checker.joints().left), std::pair(&joints.right, &checker.joints().right)}) {
     if (!*known) continue;
     const Joint& joint = **known;
     const double off_mm = (joint.centre_mm() - mean_condyle_mm(checker.arch(), joint.side)).norm();
@@ -87,8 +94,9 @@ Status add_joints(const Joints& joints, const fs::path& where, RealizabilityChec
   return {};
 }
 
-Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
-                     RealizabilityChecker* checker, std::vector<std::string>* notes, Progress& progress) {
+Status add_knowledge(const KnowledgeFiles& files, const TriangleMesh& maxilla,
+                     const TriangleMesh& mandible_mi, RealizabilityChecker* checker,
+                     std::vector<std::string>* notes, Progress& progress) {
   if (!files.cbct.empty()) {
     NestedProgress finding(progress, "finding the joints", 0.4);
     GNATHION_TRY(const CbctOptions options, cbct_options_of(files));

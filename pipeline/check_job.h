@@ -15,9 +15,8 @@
 
 namespace gnathion {
 
-/// The files that tell what a mandible can do.
-struct PatientFiles {
-  std::filesystem::path maxilla, mandible;  ///< in MI, one frame
+/// What is known of a patient beside the jaws.
+struct KnowledgeFiles {
   /// Joints: a DICOM folder, a NIfTI or NRRD file, or a folder of meshes (docs/cbct.md); empty: none.
   std::filesystem::path cbct;
   std::filesystem::path
@@ -25,6 +24,11 @@ struct PatientFiles {
   CbctOptions cbct_options;
   std::filesystem::path motion, calibration;  ///< the patient's own recording; empty: none
   std::vector<std::string> paths() const;     ///< of all that are given
+};
+/// The files that tell what a mandible can do.
+struct PatientFiles : KnowledgeFiles {
+  std::filesystem::path maxilla, mandible;  ///< in MI, one frame
+  std::vector<std::string> paths() const;   ///< of all that are given
 };
 
 struct Patient {
@@ -37,10 +41,11 @@ struct Patient {
 Result<Patient> read_patient(const PatientFiles& files, const RealizabilityLimits& limits,
                              Progress& progress);
 /// The files' options with the registration of `cbct_pose` in them, where there is one.
-Result<CbctOptions> cbct_options_of(const PatientFiles& files);
+Result<CbctOptions> cbct_options_of(const KnowledgeFiles& files);
 /// Joints and recording for a checker that exists already.
-Status add_knowledge(const PatientFiles& files, const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
-                     RealizabilityChecker* checker, std::vector<std::string>* notes, Progress& progress);
+Status add_knowledge(const KnowledgeFiles& files, const TriangleMesh& maxilla,
+                     const TriangleMesh& mandible_mi, RealizabilityChecker* checker,
+                     std::vector<std::string>* notes, Progress& progress);
 /// Joints that were found already; refused (kInput) where they cannot be this patient's in MI. `where` is named.
 Status add_joints(const Joints& joints, const std::filesystem::path& where, RealizabilityChecker* checker,
                   std::vector<std::string>* notes);

@@ -13,6 +13,7 @@
 #include "core/result.h"
 #include "core/transform_io.h"
 #include "design/splint.h"
+#include "pipeline/check_job.h"
 
 namespace gnathion {
 
@@ -23,8 +24,10 @@ struct DesignJob {
   /// Excursions that must run free: motion.csv in the dental frame, or motion.mcap with `calibration` (empty:
   /// chain.json beside it); empty: none but those of the parameters.
   std::filesystem::path motion, calibration;
-  SplintEdits edits;               ///< in Dental
-  bool mandible_is_in_tp = false;  ///< the file has the mandible in TP already
+  KnowledgeFiles known;                  ///< joints and recorded motion that T_th is checked with
+  std::vector<std::string> known_notes;  ///< what a user should know of them
+  SplintEdits edits;                     ///< in Dental
+  bool mandible_is_in_tp = false;        ///< the file has the mandible in TP already
   SplintParameters parameters;
   bool pictures = true;
   std::filesystem::path shown_folder;     ///< reports name inputs relative to it; empty: as given

@@ -242,14 +242,35 @@ class HandEdge {
   FrameEdge edge_;
 };
 
+/// The volume, and the face scan over its skin, where a run registered them.
+Status add_cbct(const CaseFile& files, FramesGraph& graph) {
+  const fs::path made = files.folder / ".steps" / "cbct";
+  const std::string date = date_of(files.cbct);
+  for (const auto& [from, source] : {std::pair("dental", "upper crowns in the CBCT"),
+                                     std::pair("face_mi", "face scan on the skin in the CBCT")}) {
+    const fs::path path = made / fmt::format("cbct_from_{}.json", from);
+    std::error_code ec;
+    if (!fs::exists(path, ec)) continue;
+    GNATHION_TRY(const json j, read_json(path));
+    GNATHION_TRY(const Matrix4 m, matrix_from_json(j.value("matrix", json()), path.string()));
+    GNATHION_TRY(const Matrix6 covariance,
+                 covariance_from_json(j.value("covariance", json()), path.string()));
+    GNATHION_CHECK_OK(graph.add(edge_of("cbct", from, nearest_rigid(m), covariance, date, source, source)));
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<FramesGraph> frames_of_run(const CaseFile& files, const CaseResults& results,
                                   std::vector<std::string>& notes) {
   GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
   FramesGraph graph(teeth_of(mandible));
-  GNATHION_CHECK_OK(add_chain(files, results.chain, graph));
-  GNATHION_CHECK_OK(add_camera(files, results.camera, graph));
+  if (results.route == PositionRoute::kMeasured) {
+    GNATHION_CHECK_OK(add_chain(files, results.chain, graph));
+    GNATHION_CHECK_OK(add_camera(files, results.camera, graph));
+  }
+  if (!files.cbct.empty()) GNATHION_CHECK_OK(add_cbct(files, graph));
   GNATHION_CHECK_OK(add_intraoral_tp(files, graph, notes));
   GNATHION_CHECK_OK(add_frames_by_hand(files, graph));
   return graph;

@@ -11,8 +11,9 @@
 namespace gnathion {
 
 /// Frames: dental, bow, bow_tp, face_mi, face_tp, head_frame, camera, intraoral_tp, mandible_tp (the
-/// mandible's own frame, equal to dental in MI). T_D seats the bow in MI and in TP alike and is one estimate.
-/// Two intraoral scans of TP take part where the case has them; that they cannot be registered is a note.
+/// mandible's own frame, equal to dental in MI), cbct. T_D seats the bow in MI and in TP alike and is one
+/// estimate. Two intraoral scans of TP take part where the case has them; that they cannot be registered is a
+/// note.
 Result<FramesGraph> frames_of_run(const CaseFile& files, const CaseResults& results,
                                   std::vector<std::string>& notes);
 

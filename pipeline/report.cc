@@ -122,7 +122,9 @@ std::string check_section(const CaseResults& r) {
     text += row({number(c["name"]), number(c["value"]), number(c["limit"]), number(c["unit"]),
                  pass ? "<span class=pass>pass</span>" : number(c["consequence"])});
   }
-  return text + "</table>";
+  text += "</table>";
+  for (const json& note : j["notes"]) text += "<p>" + number(note) + "</p>";
+  return text;
 }
 
 std::string design_section(const CaseResults& r) {

@@ -16,6 +16,7 @@
 #include "pipeline/pictures.h"
 #include "pipeline/report.h"
 #include "pipeline/run_case_record.h"
+#include "pipeline/virtual_patient.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -31,6 +32,7 @@ struct Run {
   Progress& progress;
   CaseResults r;
   std::optional<MandibleLandmarks> points;
+  std::optional<VirtualPatient> cbct;  ///< where the case has a volume, or joints as meshes
 };
 
 Status need(const fs::path& path, const CaseFile& files, const char* role) {
@@ -220,9 +222,30 @@ Status tell_displacement(Run& run, const TriangleMesh& maxilla, const TriangleMe
   return {};
 }
 
+/// The case's CBCT in the dental frame, and its joints.
+Status look_into_cbct(Run& run) {
+  const CaseFile& files = run.files;
+  if (files.cbct.empty()) return {};
+  NestedProgress looking(run.progress, "the volume in the dental frame, its joints", 0.15);
+  const StepSpec spec{"cbct",
+                      1,
+                      {{"scans.cbct", files.cbct},
+                       {"scans.maxilla_mi", files.maxilla_mi},
+                       {"scans.mandible_mi", files.mandible_mi},
+                       {"scans.face_mi", files.face_mi}},
+                      {},
+                      "{}"};
+  GNATHION_TRY(const fs::path out, run.steps.run(spec, [&](const fs::path& to, StepRecord&) {
+    return write_virtual_patient(files, to, looking);
+  }));
+  GNATHION_TRY(run.cbct, read_virtual_patient(out));
+  return {};
+}
+
 /// All registrations of the case in one graph, its loops checked.
 Status tell_frames(Run& run) {
-  GNATHION_TRY(StepSpec spec, frames_spec(run.files));
+  GNATHION_TRY(StepSpec spec, frames_spec(run.files, run.r.route == PositionRoute::kMeasured));
+  if (run.cbct) spec.uses.emplace_back("cbct", "cbct.json");
   GNATHION_TRY(const fs::path out, run.steps.run(spec, [&](const fs::path& to, StepRecord&) -> Status {
     std::vector<std::string> notes;
     GNATHION_TRY(const FramesGraph graph, frames_of_run(run.files, run.r, notes));
@@ -242,8 +265,14 @@ Status tell_jaw_motion(Run& run) {
   CaseResults& r = run.r;
   r.jaw_motion = jaw_motion(r.session, r.camera.positions.head_from_bow_mi.value, r.chain.t_d(),
                             r.landmarks.front().at_mm);
-  const StepSpec spec{
-      "jaw_motion", 1, {}, {{"track", "motion.mcap"}, {"chain", "chain.json"}, {"position", "T_th.json"}, {"displacement", "displacement.json"}}, "{}"};
+  const StepSpec spec{"jaw_motion",
+                      1,
+                      {},
+                      {{"track", "motion.mcap"},
+                       {"chain", "chain.json"},
+                       {"position", "T_th.json"},
+                       {"displacement", "displacement.json"}},
+                      "{}"};
   GNATHION_TRY(const fs::path out, run.steps.run(spec, [&](const fs::path& to, StepRecord&) -> Status {
     GNATHION_CHECK_OK(write_motion_csv(to / "motion.csv", r.jaw_motion));
     std::error_code ec;
@@ -253,6 +282,15 @@ Status tell_jaw_motion(Run& run) {
   return {};
 }
 
+/// T_th is checked with the joints and the recorded motion where the case has them.
+void add_known(const Run& run, DesignJob& job) {
+  const fs::path steps = run.files.folder / ".steps";
+  if (run.cbct && run.cbct->has_joints) job.known.cbct = steps / "cbct" / "joints";
+  if (run.cbct) job.known_notes = run.cbct->notes;
+  if (run.r.route == PositionRoute::kMeasured) job.known.motion = steps / "jaw_motion" / "motion.csv";
+  if (job.known.motion.empty()) job.known.motion = run.files.motion;
+}
+
 Status design(Run& run) {
   NestedProgress designing(run.progress, "checking, designing, verifying", 0.35);
   const fs::path transform = run.files.folder / ".steps" / "position" / "T_th.json";
@@ -260,9 +298,12 @@ Status design(Run& run) {
                 1,
                 {{"scans.maxilla_mi", run.files.maxilla_mi},
                  {"scans.mandible_mi", run.files.mandible_mi},
-                 {"scans.occlusal_surface", run.files.occlusal_surface}},
+                 {"scans.occlusal_surface", run.files.occlusal_surface},
+                 {"session.motion", run.files.motion}},
                 {{"position", "T_th.json"}},
                 ""};
+  if (run.cbct) spec.uses.emplace_back("cbct", "cbct.json");
+  if (run.r.route == PositionRoute::kMeasured) spec.uses.emplace_back("jaw_motion", "motion.csv");
   json parameters = parameters_json(run.options.parameters);
   if (!run.options.edits.empty()) parameters["edits"] = edits_json(run.options.edits);
   spec.parameters = parameters.dump();
@@ -276,6 +317,7 @@ Status design(Run& run) {
     job.transform = transform;
     job.parameters = run.options.parameters;
     job.edits = run.options.edits;
+    add_known(run, job);
     GNATHION_TRY(const DesignOutcome made, run_design(job, to, designing));
     return {};
   }));
@@ -320,10 +362,9 @@ Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, P
   GNATHION_TRY(const TriangleMesh mandible, read_jaw(files.mandible_mi));
   GNATHION_CHECK_OK(find_position(run, mandible));
   GNATHION_CHECK_OK(tell_displacement(run, maxilla, mandible));
-  if (route == PositionRoute::kMeasured) {
-    GNATHION_CHECK_OK(tell_frames(run));
-    GNATHION_CHECK_OK(tell_jaw_motion(run));
-  }
+  GNATHION_CHECK_OK(look_into_cbct(run));
+  if (route == PositionRoute::kMeasured || run.cbct) GNATHION_CHECK_OK(tell_frames(run));
+  if (route == PositionRoute::kMeasured) GNATHION_CHECK_OK(tell_jaw_motion(run));
   GNATHION_CHECK_OK(design(run));
   GNATHION_CHECK_OK(report(run));
   GNATHION_CHECK_OK(run.steps.publish());

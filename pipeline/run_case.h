@@ -47,8 +47,8 @@ struct CaseResults {
   JawMotion jaw_motion;
   std::vector<std::string> frame_notes;  ///< what the graph of frames found odd, one line each
 
-  TherapeuticEstimate therapeutic;  ///< fused, or of the one route there is
-  bool covariance_known = true;     ///< else the covariance is zero and means nothing
+  TherapeuticEstimate therapeutic;              ///< fused, or of the one route there is
+  bool covariance_known = true;                 ///< else the covariance is zero and means nothing
   std::vector<LandmarkDisplacement> landmarks;  ///< incisal point, molars, estimated condyles
   std::vector<std::string> landmark_names;
   ScrewAxis screw;
@@ -66,10 +66,10 @@ struct RunOptions {
 
 /// Steps: replay and track, solve the chain, average MI and TP, T_th by both routes, compare and fuse, check,
 /// design, draw. Writes CASE/results: motion.mcap, tracking.json, motion.csv, chain.json, T_th_camera.json,
-/// T_th_faces.json, T_th.json, displacement.json, error_map.ply, frames.json, feasibility.json, design.json,
-/// splint.stl, splint.3mf, pictures/, report.html, provenance.json. A T_th that cannot be realized is a value
-/// (CaseResults::design), not an error. Killed at any moment, the next call goes on with the step that was under
-/// way; after an error results/ is as it was.
+/// T_th_faces.json, T_th.json, displacement.json, error_map.ply, cbct.json and joints/ (of a CBCT),
+/// frames.json, feasibility.json, design.json, splint.stl, splint.3mf, pictures/, report.html,
+/// provenance.json. A T_th that cannot be realized is a value (CaseResults::design), not an error. Killed at
+/// any moment, the next call goes on with the step that was under way; after an error results/ is as it was.
 Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, Progress& progress);
 
 }  // namespace gnathion

@@ -67,16 +67,18 @@ Status read_position(const fs::path& path, CaseResults& results) {
   return {};
 }
 
-Result<StepSpec> frames_spec(const CaseFile& files) {
+Result<StepSpec> frames_spec(const CaseFile& files, bool measured) {
   StepSpec spec{"frames",
                 1,
                 {{"scans.maxilla_mi", files.maxilla_mi},
                  {"scans.mandible_mi", files.mandible_mi},
                  {"scans.maxilla_tp", files.maxilla_tp},
                  {"scans.mandible_tp", files.mandible_tp}},
-                {{"chain", "chain.json"}, {"position", "T_th.json"}},
+                {{"position", "T_th.json"}},
                 ""};
-  // When files were written is told in the result and is no part of the key: a case that was copied is the same.
+  if (measured) spec.uses.emplace_back("chain", "chain.json");
+  // When files were written is told in the result and is no part of the key: a case that was copied is the
+  // same.
   json parameters = json::object();
   GNATHION_TRY(const toml::table t, read_toml(files.toml(), "cannot read case"));
   if (const toml::array* frames = t["frame"].as_array()) {

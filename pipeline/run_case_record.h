@@ -24,8 +24,8 @@ Result<std::vector<StepInput>> rig_inputs(const std::filesystem::path& rig);
 /// T_th.json into results.therapeutic; an unknown covariance is told by covariance_known.
 Status read_position(const std::filesystem::path& path, CaseResults& results);
 
-/// The step of frames.json: [[frame]] of case.toml with the files it names, and the dates of the scans, which are
-/// their files' where case.toml gives none.
-Result<StepSpec> frames_spec(const CaseFile& files);
+/// The step of frames.json: [[frame]] of case.toml with the files it names, and the dates of the scans, which
+/// are their files' where case.toml gives none.
+Result<StepSpec> frames_spec(const CaseFile& files, bool measured);
 
 }  // namespace gnathion

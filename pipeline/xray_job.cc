@@ -151,6 +151,31 @@ Result<std::vector<MovingJoint>> moving_joints(const RegisteredVolume& registere
   return out;
 }
 
+XrayOptions scaled_to(const Volume& volume, XrayOptions options, std::vector<std::string>* notes) {
+  constexpr double kHuMargin = 200.0;  // scatter and beam hardening shift CBCT values by as much
+  const TissueLevels levels = tissue_levels(volume);
+  const bool hu =
+      std::abs(levels.soft) < kHuMargin && (!levels.air || std::abs(*levels.air + 1000.0) < kHuMargin);
+  if (hu) return options;
+  options.soft_tissue = levels.soft;
+  if (!levels.air) {
+    notes->push_back(fmt::format(
+        "values are no Hounsfield units (soft tissue at {:.0f}) and nothing in the volume is air: bone's "
+        "densities in the X-rays are not to scale",
+        levels.soft));
+    options.water_value = levels.soft;
+    options.air_value = levels.soft - 1000.0;
+    return options;
+  }
+  notes->push_back(
+      fmt::format("values are no Hounsfield units: attenuation scaled from air at {:.0f} and soft "
+                  "tissue at {:.0f}",
+                  *levels.air, levels.soft));
+  options.air_value = *levels.air;
+  options.water_value = levels.soft;
+  return options;
+}
+
 Result<XrayOutcome> make_xrays(const XrayJob& job, Progress& progress) {
   const PatientFiles& files = job.files;
   if (job.steps < 1 || job.steps > 2000)
@@ -189,6 +214,7 @@ Result<XrayOutcome> make_xrays(const XrayJob& job, Progress& progress) {
   Stopwatch watch;
   GNATHION_TRY(const std::vector<MovingJoint> moving,
                moving_joints(*registered, *joints, options, job.options.field_mm, &out.notes));
+  const XrayOptions film = scaled_to(registered->file.volume, job.options, &out.notes);
   std::vector<JointXray> xrays;
   Vector3 middle = Vector3::Zero();
   for (const MovingJoint& joint : moving) {
@@ -196,7 +222,7 @@ Result<XrayOutcome> make_xrays(const XrayJob& job, Progress& progress) {
     for (const XrayView& view : views) {
       GNATHION_TRY(JointXray xray,
                    JointXray::create(registered->file.volume, registered->cbct_from_dental, joint.mandible,
-                                     joint.centre_mm, view, job.options, joints->scanned_from_mi));
+                                     joint.centre_mm, view, film, joints->scanned_from_mi));
       out.series.push_back({joint.side, view, {}, {}});
       out.series.back().window = job.window ? *job.window : window_of(xray.film({}));
       xrays.push_back(std::move(xray));

@@ -48,6 +48,10 @@ struct XrayOutcome {
 };
 Result<XrayOutcome> make_xrays(const XrayJob& job, Progress& progress);
 
+/// `options` with the attenuation of this volume's values: Hounsfield units where air and soft tissue lie
+/// where these have them; else scaled from the volume's own air and soft tissue, which is said in `notes`.
+XrayOptions scaled_to(const Volume& volume, XrayOptions options, std::vector<std::string>* notes);
+
 /// One joint of a volume ready for any view: which voxels move, and about what.
 struct MovingJoint {
   Side side = Side::kLeft;

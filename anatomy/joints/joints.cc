@@ -97,6 +97,7 @@ Result<Joints> read_joint_meshes(const fs::path& folder, const Vector3& up, cons
   if (j.contains("fossa_covariance") && !j["fossa_covariance"].is_null()) {
     GNATHION_TRY(joints.fossa_covariance, covariance_from_json(j["fossa_covariance"], facts.string()));
   }
+  joints.mi_assumed = j.value("mi_assumed", nlohmann::json()) == true;
   if (j.contains("warnings") && j["warnings"].is_array())
     for (const auto& w : j["warnings"])
       if (w.is_string()) joints.warnings.push_back(w.get<std::string>());

@@ -5,8 +5,10 @@
 #include <gdcmTrace.h>
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cstring>
+#include <filesystem>
 #include <map>
 #include <optional>
 #include <sstream>
@@ -376,6 +378,28 @@ std::string transfer_syntax_name(const std::string& uid) {
       {"1.2.840.10008.1.2.5", "RLE"}};
   const auto found = kNames.find(uid);
   return found == kNames.end() ? "transfer syntax " + uid : found->second;
+}
+
+std::string DicomHeader::without_identity(const std::string& file_name) const {
+  constexpr std::size_t kShortest = 3;
+  const auto low = [](char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); };
+  std::string shown = std::filesystem::path(file_name).filename().string(), part;
+  for (const char c : patient_name + " " + patient_id + " ") {
+    if (std::isalnum(static_cast<unsigned char>(c)) != 0 || static_cast<unsigned char>(c) > 127) {
+      part += low(c);
+      continue;
+    }
+    const auto same = [&](char a, char b) { return low(a) == b; };
+    for (std::size_t at = 0; part.size() >= kShortest && at < shown.size(); at += 3) {
+      const auto found = std::search(shown.begin() + static_cast<std::ptrdiff_t>(at), shown.end(),
+                                     part.begin(), part.end(), same);
+      if (found == shown.end()) break;
+      at = static_cast<std::size_t>(found - shown.begin());
+      shown.replace(at, part.size(), "***");
+    }
+    part.clear();
+  }
+  return shown;
 }
 
 Result<DicomHeader> parse_dicom_header(const std::string& bytes, const std::string& name) {

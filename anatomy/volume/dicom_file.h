@@ -28,6 +28,10 @@ struct DicomHeader {
        modality_lut = false;
   double tilt_deg = 0.0;  ///< as the tag says
   std::vector<DicomPlane> planes;
+  /// The file's name without folders, and without the patient's name and number: files are often named after
+  /// the patient, and warnings go into results.
+  std::string shown_name() const { return without_identity(name); }
+  std::string without_identity(const std::string& file_name) const;
 };
 
 enum class DicomKind {

@@ -20,7 +20,7 @@ struct Slice {
   const DicomPlane* plane;
   double along_mm = 0.0;
   std::string name() const {
-    const std::string base = std::filesystem::path(file->name).filename().string();
+    const std::string base = file->shown_name();
     return file->planes.size() == 1 ? base : fmt::format("{} frame {}", base, ref.plane + 1);
   }
 };
@@ -78,7 +78,7 @@ class Stacker {
     std::vector<std::string> colour, lost, crooked, localizers, empty, tables;
     for (std::size_t f = 0; f < files_.size(); ++f) {
       const DicomHeader& h = files_[f];
-      const std::string base = std::filesystem::path(h.name).filename().string();
+      const std::string base = h.shown_name();
       if (!h.has_pixels) {
         empty.push_back(base);
         continue;

@@ -69,7 +69,7 @@ Result<Folder> scan(const fs::path& folder) {
   Folder out;
   std::map<std::string, Series> by_uid;
   std::size_t others = 0;
-  std::vector<std::string> broken;
+  std::vector<std::pair<std::string, std::string>> broken;  // file, why
   for (const fs::path& file : files) {
     switch (dicom_kind(first_bytes(file), file.filename().string())) {
       case DicomKind::kNot:
@@ -84,11 +84,12 @@ Result<Folder> scan(const fs::path& folder) {
     }
     auto header = header_of_file(file);
     if (!header)
-      broken.push_back(file.filename().string() + " (" + header.error().why + ")");
+      broken.emplace_back(file.filename().string(), header.error().why);
     else
       by_uid[header->series_uid].headers.push_back(std::move(*header));
   }
-  if (by_uid.empty() && !broken.empty()) return bad_input(kReadVolume, folder.string(), broken[0]);
+  if (by_uid.empty() && !broken.empty())
+    return bad_input(kReadVolume, folder.string(), fmt::format("{} ({})", broken[0].first, broken[0].second));
   if (by_uid.empty()) return bad_input(kReadVolume, folder.string(), "no DICOM files in it");
   for (auto& [uid, series] : by_uid) out.series.push_back(std::move(series));
   std::stable_sort(out.series.begin(), out.series.end(), [](const Series& a, const Series& b) {
@@ -96,7 +97,9 @@ Result<Folder> scan(const fs::path& folder) {
     return number(a) < number(b);
   });
   for (std::size_t i = 0; i < std::min<std::size_t>(3, broken.size()); ++i)
-    out.warnings.push_back("left out, unreadable: " + broken[i]);
+    out.warnings.push_back(fmt::format("left out, unreadable: {} ({})",
+                                       out.series[0].headers[0].without_identity(broken[i].first),
+                                       broken[i].second));
   if (broken.size() > 3)
     out.warnings.push_back(fmt::format("left out, unreadable: {} more files", broken.size() - 3));
   if (others > 0) out.warnings.push_back(fmt::format("{} files in the folder are not DICOM", others));
@@ -213,8 +216,7 @@ Result<VolumeFile> assemble(const std::vector<DicomHeader>& headers, const Slice
     GNATHION_TRY(const std::string bytes_b, bytes_of_file(twin.other.file));
     GNATHION_TRY(const DicomPixels pixels_a, decode_dicom_pixels(bytes_a, a));
     GNATHION_TRY(const DicomPixels pixels_b, decode_dicom_pixels(bytes_b, b));
-    const std::string names =
-        fs::path(a.name).filename().string() + " and " + fs::path(b.name).filename().string();
+    const std::string names = a.shown_name() + " and " + b.shown_name();
     if (!same_pixels(pixels_a, twin.kept.plane, pixels_b, twin.other.plane, n))
       return bad_input(kReadVolume, name,
                        "two different slices at one place: " + names +

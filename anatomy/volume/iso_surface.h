@@ -17,10 +17,11 @@ Volume cropped(const Volume& volume, const Box& box_mm);
 /// Values that part air, soft tissue and bone by Otsu's criterion with three classes over the volume's
 /// histogram.
 struct TissueLevels {
-  double skin = 0.0;   ///< between air and soft tissue
-  double bone = 0.0;   ///< between soft tissue and bone
-  double crown = 0.0;  ///< half way from soft tissue to enamel
-  double soft = 0.0;   ///< mean of soft tissue
+  double skin = 0.0;          ///< between air and soft tissue
+  double bone = 0.0;          ///< between soft tissue and bone
+  double crown = 0.0;         ///< half way from soft tissue to enamel
+  double soft = 0.0;          ///< mean of soft tissue
+  std::optional<double> air;  ///< mean of air; nothing where the volume holds none
 };
 TissueLevels tissue_levels(const Volume& volume);
 

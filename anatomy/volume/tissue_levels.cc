@@ -114,6 +114,7 @@ TissueLevels tissue_levels(const Volume& volume) {
   if (holds_air(h, sums, cuts)) {
     levels.skin = h.low + cuts.first * h.width;
     levels.soft = sums.mean(cuts.first, cuts.second);
+    levels.air = sums.mean(0, cuts.first);
   } else {
     cuts.second = two_classes(sums);
     levels.soft = sums.mean(0, cuts.second);

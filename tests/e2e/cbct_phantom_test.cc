@@ -6,12 +6,18 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "core/mesh_io.h"
 #include "core/mesh_query.h"
 #include "core/random.h"
 #include "core/transform_io.h"
 #include "phantom/cbct_dicom.h"
 #include "phantom/joints.h"
+#include "pipeline/case_folder.h"
 #include "pipeline/cbct_steps.h"
+#include "pipeline/check_job.h"
+#include "pipeline/frames_steps.h"
+#include "pipeline/run_case.h"
+#include "tests/support/realizability_trials.h"
 
 namespace gnathion {
 namespace {
@@ -30,6 +36,11 @@ const PhantomJaws& jaws() {
     std::printf("seed %llu (GNATHION_SEED repeats it)\n", static_cast<unsigned long long>(seed()));
     return make_phantom_jaws(seed());
   }();
+  return made;
+}
+
+const PhantomJoints& true_joints() {
+  static const PhantomJoints made = phantom_joints(jaws());
   return made;
 }
 
@@ -127,7 +138,7 @@ TEST(CbctPhantom, JointsFromADicomSeriesWithinHalfAVoxel) {
   ASSERT_TRUE(joints.has_value()) << joints.error().line();
   ASSERT_TRUE(joints->left && joints->right);
   for (const std::string& w : joints->warnings) std::printf("warning: %s\n", w.c_str());
-  const PhantomJoints truth = phantom_joints(jaws());
+  const PhantomJoints& truth = true_joints();
   expect_true_joint(*joints->left, truth.left, 0.5 * kVoxelMm);
   expect_true_joint(*joints->right, truth.right, 0.5 * kVoxelMm);
   EXPECT_TRUE(joints->condyle_covariance && joints->condyle_covariance->isZero());
@@ -165,9 +176,112 @@ TEST(CbctPhantom, AScanWithTheJawOpenIsBroughtToMi) {
   ASSERT_FALSE(joints->warnings.empty());
   EXPECT_NE(joints->warnings[0].find("was not taken in MI"), std::string::npos) << joints->warnings[0];
   EXPECT_TRUE(joints->condyle_covariance && !joints->condyle_covariance->isZero());
-  const PhantomJoints truth = phantom_joints(jaws());
+  const PhantomJoints& truth = true_joints();
   expect_true_joint(*joints->left, truth.left, kVoxelMm);
   expect_true_joint(*joints->right, truth.right, kVoxelMm);
+}
+
+/// Opened by 11 degrees and both condyles pressed up by 4.5 mm: free at the teeth, not in the joints.
+Motion<Dental> pressed_into_the_joints() {
+  const PhantomLandmarks& l = jaws().landmarks;
+  return Motion<Dental>(
+      Rigid3::from_translation({0, 0, 4.5}) *
+      Rigid3::about_axis(l.condyle_right_mm, l.condyle_left_mm - l.condyle_right_mm, 11.0 * M_PI / 180.0));
+}
+
+TEST(CbctPhantom, ARunHangsTheVolumeIntoItsFramesAndChecksTheJoints) {
+  Folder folder("cbct_case");
+  PhantomCbctOptions options;
+  options.seed = seed();
+  options.voxel_mm = 0.6;
+  options.blur_mm = 0.3;
+  options.skin = true;
+  const FaceShape shape = draw_face_shape(seed());
+  const PhantomCbct volume = make_phantom_cbct(jaws(), shape, options);
+  ASSERT_TRUE(write_phantom_nrrd(folder.path() / "head.nrrd", volume));
+  ASSERT_TRUE(write_mesh(folder.path() / "u.stl", jaws().maxilla));
+  ASSERT_TRUE(write_mesh(folder.path() / "l.stl", jaws().mandible_mi));
+  const Rigid3 face_from_dental = Rigid3::about_axis({0, 0, 0}, Vector3(1, 2, 3).normalized(), 0.7) *
+                                  Rigid3::from_translation({40, -10, 90});
+  ASSERT_TRUE(write_mesh(folder.path() / "f.ply", transformed(face_from_dental, make_face(shape))));
+  ASSERT_TRUE(write_json(folder.path() / "t.json", motion_json(pressed_into_the_joints(), std::nullopt, {})));
+  NewCase c;
+  c.id = "p-1";
+  c.files = {{"maxilla_mi", folder.path() / "u.stl"},
+             {"mandible_mi", folder.path() / "l.stl"},
+             {"face_mi", folder.path() / "f.ply"},
+             {"cbct", folder.path() / "head.nrrd"},
+             {"position.transform", folder.path() / "t.json"}};
+  ManualClock clock(HostTime{1'700'000'000'000'000'000});
+  const auto files = create_case(folder.path() / "case", c, clock);
+  ASSERT_TRUE(files) << files.error().line();
+  RunOptions run;
+  run.clock = &clock;
+  const auto results = run_case(*files, run, silent);
+  ASSERT_TRUE(results) << results.error().line();
+
+  const nlohmann::json& feasibility = *results->design.feasibility;
+  EXPECT_EQ(feasibility["verdict"], "not_realizable");
+  std::map<std::string, bool> passes;
+  for (const auto& one : feasibility["constraints"]) passes[one["name"]] = one["pass"].get<bool>();
+  EXPECT_FALSE(passes.at("condyle_fossa"));
+  EXPECT_TRUE(passes.at("no_intersection"));
+  EXPECT_EQ(feasibility["joints"]["source"].get<std::string>().rfind("NRRD", 0), 0u) << feasibility["joints"];
+  const auto graph = read_case_frames(files->folder);
+  ASSERT_TRUE(graph) << graph.error().line();
+  const auto face = graph->path("dental", "face_mi");
+  ASSERT_TRUE(face) << face.error().line();
+  const Vector3 nose(0, -60, 40);
+  const double off = (face->to_from_from * (face_from_dental * nose) - nose).norm();
+  std::printf("face scan in the dental frame through the volume: %.3f mm at the nose\n", off);
+  EXPECT_LT(off, options.voxel_mm);
+}
+
+TEST(CbctPhantom, JointsThatAreNotThePatientsAreRefused) {
+  Folder folder("cbct_wrong_joints");
+  auto checker = RealizabilityChecker::create(jaws().maxilla, jaws().mandible_mi);
+  ASSERT_TRUE(checker) << checker.error().line();
+  KnowledgeFiles files;
+  files.cbct = folder.path() / "joints";
+  const auto use = [&](const Joints& joints) {
+    fs::remove_all(files.cbct);
+    fs::create_directory(files.cbct);
+    EXPECT_TRUE(write_joints(joints, files.cbct));
+    std::vector<std::string> notes;
+    return add_knowledge(files, jaws().maxilla, jaws().mandible_mi, &*checker, &notes, silent);
+  };
+  const Joints truth = test::joints_of(true_joints());
+  const auto refused = [&](const Joints& joints, const char* why) {
+    const Status outcome = use(joints);
+    ASSERT_FALSE(outcome) << why;
+    EXPECT_EQ(outcome.error().code, ErrorCode::kInput);
+    EXPECT_NE(outcome.error().line().find(why), std::string::npos) << outcome.error().line();
+  };
+  Joints swapped = truth;
+  std::swap(swapped.left, swapped.right);
+  swapped.left->side = Side::kLeft, swapped.right->side = Side::kRight;
+  refused(swapped, "left for right");
+  Joints elsewhere = truth;
+  for (auto* joint : {&elsewhere.left, &elsewhere.right}) {
+    (*joint)->condyle = transformed(Rigid3::from_translation({0, 0, 80}), (*joint)->condyle);
+    (*joint)->fossa = transformed(Rigid3::from_translation({0, 0, 80}), (*joint)->fossa);
+  }
+  refused(elsewhere, "another frame");
+  Joints inside_out = truth;
+  flip_orientation(inside_out.left->fossa);
+  refused(inside_out, "inside out");
+  Joints assumed = truth;
+  assumed.mi_assumed = true;
+  assumed.surface_sigma_mm = 0.2;
+  ASSERT_TRUE(use(assumed));
+  const Feasibility unsure = checker->check({}, Matrix6(Matrix6::Zero()));
+  EXPECT_EQ(unsure.joints.size(), 2u);
+  for (const JointReport& r : unsure.joints) EXPECT_FALSE(r.sigma_mm.has_value());
+  assumed.mi_assumed = false;
+  assumed.condyle_covariance = assumed.fossa_covariance = Matrix6(Matrix6::Zero());
+  ASSERT_TRUE(use(assumed));
+  for (const JointReport& r : checker->check({}, Matrix6(Matrix6::Zero())).joints)
+    EXPECT_TRUE(r.sigma_mm.has_value());
 }
 
 TEST(CbctPhantom, WhatCannotBeIsRefusedByName) {
@@ -195,8 +309,8 @@ TEST(CbctPhantom, WhatCannotBeIsRefusedByName) {
   EXPECT_NE(whole.error().line().find("not two pieces"), std::string::npos) << whole.error().line();
   // Seeds say which bone is meant.
   JointRegion seeded = box_at(condyle, 16);
-  seeded.condyle_seed_mm = pose * phantom_joints(jaws()).left.on_condyle_mm;
-  seeded.fossa_seed_mm = pose * phantom_joints(jaws()).left.on_fossa_mm;
+  seeded.condyle_seed_mm = pose * true_joints().left.on_condyle_mm;
+  seeded.fossa_seed_mm = pose * true_joints().left.on_fossa_mm;
   EXPECT_TRUE(find_joint(volume, 700.0, seeded, "left joint").has_value());
 
   // An arch of another patient, and a mirrored one, do not fit.

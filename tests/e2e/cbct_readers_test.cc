@@ -187,6 +187,17 @@ TEST(DicomSeries, DuplicatesAreLeftOutOnlyIfEqual) {
   expect_refused(read(folder.path()), "two different slices at one place");
 }
 
+TEST(DicomSeries, WarningsNameNoPatientThoughFilesDo) {
+  Folder folder;
+  put_series(folder, 0, 12);
+  DicomSliceSpec twin = slice_at(5);
+  twin.instance_uid += ".2";
+  folder.put("Phantom_One_0005.dcm", format_dicom_slice(twin));
+  const auto v = read(folder.path());
+  ASSERT_TRUE(v.has_value()) << v.error().line();
+  EXPECT_TRUE(mentions(v->info.warnings, "***_***_0005.dcm"));
+}
+
 TEST(DicomSeries, SeveralInOneFolderAreListedAndChosen) {
   Folder folder;
   put_series(folder, 0, 8);

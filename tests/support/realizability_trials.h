@@ -30,8 +30,7 @@ struct TrialCount {
   std::vector<std::string> failures;
 };
 
-inline Joints true_joints(const PhantomJaws& jaws) {
-  const PhantomJoints truth = phantom_joints(jaws);
+inline Joints joints_of(const PhantomJoints& truth) {
   Joints joints;
   joints.source = "the phantom";
   const auto take = [](Side side, const PhantomJoint& p) {
@@ -44,6 +43,9 @@ inline Joints true_joints(const PhantomJaws& jaws) {
   joints.left = take(Side::kLeft, truth.left);
   joints.right = take(Side::kRight, truth.right);
   return joints;
+}
+inline Joints true_joints(const PhantomJaws& jaws) {
+  return joints_of(phantom_joints(jaws));
 }
 
 class RealizabilityTrials {
