@@ -124,6 +124,9 @@ void MainWindow::make_steps() {
   auto* motion = new MotionPanel(*bench_);
   auto* transform = new TransformPanel(*bench_);
   transform->from_motion = [motion] { return motion->picked_position(); };
+  transform->films().height_changed = [this] {
+    if (step_ == static_cast<int>(Step::kTransformation)) fit_strip();
+  };
   panel_of_ = {new CapturePanel(*bench_, options_.connect, options_.socket),
                motion,
                new CalibratePanel(*bench_),
@@ -234,6 +237,15 @@ void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
             .arg(first, broken > 1 ? QString(" (and %1 more, see the steps)").arg(broken - 1) : ""));
 }
 
+/// The strip is as high as its step wants it; a stack alone would take the highest of all.
+void MainWindow::fit_strip() {
+  const QWidget* strip = step_ < 0 ? nullptr : panel_of_[static_cast<std::size_t>(step_)]->strip();
+  if (!strip) return;
+  strips_->setMinimumHeight(strip->minimumHeight());
+  strips_->setMaximumHeight(strip->maximumHeight());
+  centre_->setSizes({height() - strip->minimumHeight() - 120, strip->minimumHeight()});
+}
+
 void MainWindow::go_to_step(int step) {
   if (step == step_ || step < 0) return;
   if (step_ >= 0) {
@@ -247,7 +259,7 @@ void MainWindow::go_to_step(int step) {
   strips_->setCurrentIndex(step);
   QWidget* strip = panel_of_[static_cast<std::size_t>(step)]->strip();
   strips_->setVisible(strip != nullptr);
-  if (strip) centre_->setSizes({height() - strip->minimumHeight() - 120, strip->minimumHeight()});
+  fit_strip();
   if (!document_.is_open()) {
     if (step == 0) panel_of_[0]->enter();
     return;

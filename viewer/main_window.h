@@ -58,6 +58,7 @@ class MainWindow : public QMainWindow {
   void make_status();
   void show_case(std::shared_ptr<const CaseContent> content);
   void go_to_step(int step);
+  void fit_strip();
   void apply_layers(Step step);
   void look(const QString& name);
   void start_section();

@@ -60,7 +60,7 @@ CalibratePanel::CalibratePanel(Workbench& bench) : Panel(bench, Step::kCalibrate
   row->addWidget(graph_ = new FramesView, 3);
   row->addWidget(histogram_ = new ChartView, 2);
   histogram_->setObjectName("residualHistogram");
-  strip_->setMinimumHeight(200);
+  strip_->setMinimumHeight(260);
   graph_->edge_clicked = [this](std::size_t edge) {
     const FrameEdge& e = document().content().frames->edges()[edge];
     facts_->setText(QString("<b>%1</b><br>%2%3")

@@ -139,7 +139,7 @@ QWidget* CapturePanel::make_strip() {
   row->setContentsMargins(0, 0, 0, 0);
   column->addWidget(empty_, 1);
   column->addWidget(camera_row_, 1);
-  strip->setMinimumHeight(170);
+  strip->setMinimumHeight(290);
   return strip;
 }
 

@@ -7,7 +7,7 @@
 namespace gnathion {
 namespace {
 
-constexpr int kNoteHeight = 34, kFilmsHeight = 216;
+constexpr int kNoteHeight = 34, kFilmsHeight = 212;
 
 QString millimetres(double mm) {
   return QString::number(mm, 'f', 2).replace('-', QChar(0x2212)) + " mm";
@@ -44,8 +44,8 @@ void CondyleFilms::show_note(const QString& note) {
   note_->show();
   spaces_->hide();
   row_->hide();
-  setMinimumHeight(kNoteHeight);
-  setMaximumHeight(kNoteHeight + 20);
+  setFixedHeight(kNoteHeight);
+  if (height_changed) height_changed();
 }
 
 void CondyleFilms::show_joints(std::shared_ptr<const PatientJoints> joints) {
@@ -67,9 +67,8 @@ void CondyleFilms::show_joints(std::shared_ptr<const PatientJoints> joints) {
   note_->setVisible(!notes.isEmpty());
   row_->setVisible(!views_.empty());
   spaces_->show();
-  const int height = views_.empty() ? 2 * kNoteHeight : kFilmsHeight;
-  setMinimumHeight(height);
-  setMaximumHeight(height + 40);
+  setFixedHeight(views_.empty() ? 2 * kNoteHeight : kFilmsHeight);
+  if (height_changed) height_changed();
 }
 
 void CondyleFilms::follow(const Motion<Dental>& from_mi) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <QLabel>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -20,6 +21,7 @@ class CondyleFilms : public QWidget {
   void follow(const Motion<Dental>& from_mi);
   /// How far the condyles went and what room they have.
   void show_spaces(const std::vector<JointReport>& reports);
+  std::function<void()> height_changed;
 
  private:
   JobRunner& jobs_;

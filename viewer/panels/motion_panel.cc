@@ -117,7 +117,7 @@ QWidget* MotionPanel::make_strip() {
   right->addWidget(posselt_, 1);
   row->addLayout(left, 1);
   row->addLayout(right);
-  strip->setMinimumHeight(190);
+  strip->setMinimumHeight(250);
   return strip;
 }
 

@@ -27,6 +27,7 @@ class TransformPanel : public Panel {
   std::set<std::string> first_layers() const override {
     return {"maxilla", "mandible_tp", "condyle_left", "condyle_right", "fossa_left", "fossa_right"};
   }
+  CondyleFilms& films() { return *films_; }
   /// The position on the timeline, given by the Motion step; null where there is none.
   std::function<std::optional<std::pair<Rigid3, QString>>()> from_motion;
 

@@ -26,11 +26,11 @@ class vtkActor;
 namespace gnathion {
 
 /// All layers together stay at 20 frames a second with software rendering (docs/viewer.md has the figures).
-inline constexpr std::size_t kCoarseTriangles = 22000;  ///< of one layer
+inline constexpr std::size_t kCoarseTriangles = 12000;  ///< of one layer
 inline constexpr int kRestMs = 220;                     ///< after the last movement: full detail
 /// Pixels of a picture while something moves, where the processor draws them: the rest of the view is
 /// stretched.
-inline constexpr double kMovingPixels = 240000;
+inline constexpr double kMovingPixels = 200000;
 
 struct Scene3d::Impl {
   Impl(Scene3d& view, LayerModel& l, JobRunner& j, const char* n) : self(view), layers(l), jobs(j), name(n) {}

@@ -188,10 +188,6 @@ void Scene3d::render() {
 void Scene3d::render_now() {
   Impl& s = *impl_;
   if (!s.widget->isVisible()) return;
-  bool clear = false;
-  for (const Layer& l : s.layers.layers()) clear |= l.visible && l.opacity < 1.0;
-  s.renderer->SetUseDepthPeeling(clear && !s.moving);
-  s.renderer->SetUseFXAA(!s.moving);
   s.renderer->ResetCameraClippingRange();
   s.window->Render();
 }
@@ -199,6 +195,10 @@ void Scene3d::render_now() {
 /// The framebuffer has `detail` of the view's width and height, and Qt stretches it; everyone else, the mouse
 /// above all, goes on to see a window of the view's size.
 void Scene3d::Impl::begin_picture() {
+  bool clear = false;
+  for (const Layer& l : layers.layers()) clear |= l.visible && l.opacity < 1.0;
+  renderer->SetUseDepthPeeling(clear && !moving);
+  renderer->SetUseFXAA(!moving);
   set_detail(moving ? moving_detail() : 1.0);
   view_px = {window->GetSize()[0], window->GetSize()[1]};
   if (detail < 1.0)
