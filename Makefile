@@ -36,8 +36,10 @@ bench-recording: build
 
 # The viewer on the demo case: pictures of the handbook; opening, frame rate and pauses (docs/viewer.md).
 VIEWER_TOUR := xvfb-run -a -s "-screen 0 1920x1080x24" $(BIN)/viewer_tour
-screenshots: demo
-	@cmake --build $(BUILD) -j $(JOBS) --target viewer_tour && $(VIEWER_TOUR) demo --pictures docs/pictures
+screenshots: deps
+	@cmake --preset release > /dev/null
+	@cmake --build $(BUILD) -j $(JOBS) --target gnathion viewer_tour
+	@$(BIN)/gnathion demo --cbct --out $(BUILD)/pictured --force && $(VIEWER_TOUR) $(BUILD)/pictured --pictures docs/pictures
 
 bench-viewer: demo
 	@cmake --build $(BUILD) -j $(JOBS) --target viewer_tour && $(VIEWER_TOUR) demo --bench

@@ -84,8 +84,9 @@ Status add_phantom_cbct(const PhantomPatient& patient, std::uint64_t seed, const
 }
 
 Result<DemoResult> run_demo(std::uint64_t seed, const SplintParameters& parameters, const fs::path& folder,
-                            Progress& progress) {
+                            Progress& progress, bool with_cbct) {
   GNATHION_TRY(const PhantomPatient patient, make_phantom_case(seed, folder, progress));
+  if (with_cbct) GNATHION_CHECK_OK(add_phantom_cbct(patient, seed, folder));
   GNATHION_TRY(const CaseFile files, read_case(folder));
   RunOptions options;
   options.parameters = parameters;

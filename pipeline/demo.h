@@ -36,7 +36,7 @@ struct DemoResult {
 
 /// Everything into `folder`, which must exist: CASE files, recording, results.
 Result<DemoResult> run_demo(std::uint64_t seed, const SplintParameters& parameters,
-                            const std::filesystem::path& folder, Progress& progress);
+                            const std::filesystem::path& folder, Progress& progress, bool with_cbct = false);
 
 nlohmann::json demo_json(const DemoResult& demo);
 std::string demo_text(const DemoResult& demo, const std::filesystem::path& folder);
