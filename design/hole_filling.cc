@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "design/hole_patch.h"
 #include "design/preparation.h"
 
 namespace gnathion {
@@ -104,6 +105,7 @@ TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std:
   loops.erase(std::remove_if(loops.begin(), loops.end(), [](const Loop& l) { return l.size() < 3; }),
               loops.end());
   orient_against_triangles(mesh, loops);
+  const std::vector<Vector3> normals = loops.empty() ? std::vector<Vector3>() : vertex_normals(mesh);
   for (const Loop& loop : loops) {
     Box box;
     for (const std::uint32_t v : loop) box.extend(solid.vertices_mm[v]);
@@ -112,10 +114,12 @@ TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std:
       close_rim(solid, loop, away);
       continue;
     }
-    if (loop.size() <= kLargestExactLoop)
-      fill_with_least_area(solid.vertices_mm, loop, solid.triangles);
-    else
-      fill_with_fan(solid, loop);
+    if (!fill_with_patch(solid, normals, loop)) {
+      if (loop.size() <= kLargestExactLoop)
+        fill_with_least_area(solid.vertices_mm, loop, solid.triangles);
+      else
+        fill_with_fan(solid, loop);
+    }
     if (width_mm > 1.0 && filled)
       filled->push_back(fmt::format("hole of {:.1f} mm filled at ({:.1f}, {:.1f}, {:.1f})", width_mm,
                                     box.centre_mm().x(), box.centre_mm().y(), box.centre_mm().z()));
