@@ -172,7 +172,7 @@ TEST_F(DaemonSession, CaseTomlNamesTheNewestRecording) {
     EXPECT_EQ(named_recording(), folder / "recordings/recording_002.mcap");
   }
   EXPECT_TRUE(eventually([&] { return named_recording() == folder / "recordings/held.mcap"; }));
-  EXPECT_FALSE(fs::exists(daemon_->state() / "waiting_recordings.json"));
+  EXPECT_TRUE(eventually([&] { return !fs::exists(daemon_->state() / "waiting_recordings.json"); }));
   client_ = daemon_->connect();
   ASSERT_TRUE(client_->arm("case-1"));
   // The daemon is killed while it records: the next start enters what it makes whole.
