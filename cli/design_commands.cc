@@ -6,6 +6,7 @@
 
 #include "cli/command.h"
 #include "cli/parameter_options.h"
+#include "cli/patient_options.h"
 #include "core/file.h"
 #include "pipeline/design_job.h"
 #include "pipeline/ladder_job.h"
@@ -86,6 +87,9 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
       ->check(CLI::IsMember({"mi", "tp"}))
       ->capture_default_str();
   command->add_flag("--no-pictures", o->no_pictures, "leave the pictures out");
+  add_joint_options(*command, o->job.known);
+  command->add_option("--recording", o->job.known.motion,
+                      "the patient's recorded motion, which T_th must lie in: as --motion");
   add_parameter_options(*command, o->parameters);
   add_edit_options(*command, o->parameters);
   CLI::App* ladder = command->add_subcommand(
@@ -104,7 +108,9 @@ void add_design(CLI::App& app, ChosenCommand& chosen) {
                    o->job.arch = o->arch == "maxilla" ? Arch::kMaxilla : Arch::kMandible;
                    o->job.mandible_is_in_tp = o->pose == "tp";
                    o->job.pictures = !o->no_pictures;
+                   if (!o->job.known.motion.empty()) o->job.known.calibration = o->job.calibration;
                    std::vector<std::string> inputs = input_paths(o->job);
+                   for (std::string& path : o->job.known.paths()) inputs.push_back(std::move(path));
                    inputs.push_back(o->parameters.config);
                    GNATHION_CHECK_OK(keeps_inputs(o->out, inputs));
                    if (ladder->parsed()) return design_ladder(o->job, o->rungs, o->out, common, progress);

@@ -12,6 +12,7 @@
 #include "pipeline/label_picture.h"
 #include "pipeline/pictures.h"
 #include "pipeline/profile_pictures.h"
+#include "pipeline/provenance.h"
 #include "pipeline/undercut_map.h"
 #include "pipeline/version.h"
 
@@ -24,6 +25,18 @@ using nlohmann::json;
 Result<InputRecord> record_of(const fs::path& path) {
   GNATHION_TRY(const std::string hash, sha256_of_file(path));
   return InputRecord{path.string(), hash};
+}
+
+/// How reports name an input: relative to `folder` where it lies there, what a step of a case made as it is
+/// published, others by their name alone: a path tells of the machine and of who works on it.
+std::string shown_as(const fs::path& path, const fs::path& folder) {
+  if (folder.empty() || path.is_relative()) return path.string();
+  const fs::path inside = path.lexically_relative(folder);
+  if (inside.empty() || *inside.begin() == "..") return path.filename().string();
+  if (*inside.begin() != ".steps") return inside.string();
+  fs::path shown = "results";
+  for (auto part = std::next(inside.begin(), 2); part != inside.end(); ++part) shown /= *part;
+  return shown.string();
 }
 
 /// design.json of a T_th that no splint can realize: what was asked, and why not.
@@ -54,6 +67,29 @@ Status write_splint(const SplintDesign& design, const DesignInputs& inputs, cons
                    splint_metadata(design, inputs.splint.therapeutic, inputs.files));
 }
 
+/// What T_th is checked with, beside the jaws, goes into provenance like any other input.
+Status add_knowledge_records(const KnowledgeFiles& known, DesignInputs& in) {
+  for (const std::string& path : known.paths()) {
+    GNATHION_TRY(const std::string hash, sha256_of(path));
+    in.files.push_back({path, hash});
+  }
+  return {};
+}
+
+/// T_th checked with all that is known of the patient.
+Result<Feasibility> check_inputs(const DesignJob& job, const DesignInputs& inputs, Progress& progress) {
+  RealizabilityLimits limits;
+  limits.wall_mm = job.parameters.wall_mm;
+  limits.aperture_mm = job.parameters.aperture_limit_mm;
+  const TriangleMesh &maxilla = inputs.splint.maxilla, &mandible = inputs.splint.mandible_mi;
+  GNATHION_TRY(RealizabilityChecker checker, RealizabilityChecker::create(maxilla, mandible, limits));
+  std::vector<std::string> notes = job.known_notes;
+  GNATHION_CHECK_OK(add_knowledge(job.known, maxilla, mandible, &checker, &notes, progress));
+  Feasibility out = checker.check(inputs.splint.therapeutic, inputs.motion.covariance);
+  out.notes.insert(out.notes.end(), notes.begin(), notes.end());
+  return out;
+}
+
 Status add_excursions(const DesignJob& job, DesignInputs& in) {
   const fs::path calibration = calibration_of(job.motion, job.calibration);
   GNATHION_TRY(const JawMotion motion, read_dental_motion(job.motion, calibration));
@@ -82,9 +118,6 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
     GNATHION_TRY(InputRecord record, record_of(path));
     in.files.push_back(std::move(record));
   }
-  if (!job.shown_folder.empty())
-    for (InputRecord& file : in.files)
-      file.path = fs::path(file.path).lexically_relative(job.shown_folder).string();
   if (!job.shown_transform.empty()) in.files.back().path = job.shown_transform.string();
   if (!job.occlusal_surface.empty()) {
     GNATHION_TRY(in.splint.occlusal_surface, read_mesh(job.occlusal_surface));
@@ -92,6 +125,8 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
     in.files.push_back(std::move(record));
   }
   if (!job.motion.empty()) GNATHION_CHECK_OK(add_excursions(job, in));
+  GNATHION_CHECK_OK(add_knowledge_records(job.known, in));
+  for (InputRecord& file : in.files) file.path = shown_as(file.path, job.shown_folder);
   if (job.mandible_is_in_tp)
     in.splint.mandible_mi = transformed(in.splint.therapeutic.rigid.inverse(), in.splint.mandible_mi);
   return in;
@@ -103,12 +138,8 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
   GNATHION_TRY(const DesignInputs inputs, read_design_inputs(job));
 
   progress.begin_step("checking what can be realized", 0.10);
-  RealizabilityLimits limits;
-  limits.wall_mm = job.parameters.wall_mm;
-  limits.aperture_mm = job.parameters.aperture_limit_mm;
   DesignOutcome outcome;
-  GNATHION_TRY(outcome.feasibility, check_realizability(inputs.splint.maxilla, inputs.splint.mandible_mi,
-                                                        inputs.splint.therapeutic, limits));
+  GNATHION_TRY(outcome.feasibility, check_inputs(job, inputs, progress));
   GNATHION_CHECK_OK(write_json(folder / "feasibility.json", feasibility_json(outcome.feasibility)));
   if (outcome.feasibility.verdict == Verdict::kNotRealizable) {
     outcome.report = std::make_shared<json>(refusal_json(job, inputs, outcome.feasibility, total.seconds()));
