@@ -91,7 +91,9 @@ fs::path CaseImporter::own_folder(const char* kind) {
 
 ApiResult<std::string> CaseImporter::import(const fs::path& source, const ImportOrder& order,
                                             const std::function<bool()>& cancelled) {
-  const std::scoped_lock lock(one_at_a_time_);
+  const std::unique_lock lock(one_at_a_time_, std::try_to_lock);  // who waits keeps a thread from others
+  if (!lock)
+    return refuse(ApiCode::kResourceExhausted, "another import is at work: try again when it has ended");
   const std::string id = order.case_id.empty() ? made_case_id(clock_) : order.case_id;
   if (const Status good = check_case_id(id); !good) return refuse(good.error());
   const auto folder = root_.case_folder(id, PathUse::kNew);

@@ -61,7 +61,7 @@ class Upload {
 class CaseImporter {
  public:
   CaseImporter(ImporterOptions options, const CaseRoot& root, Clock& clock);
-  /// Makes the case; its id. One at a time, others wait. Refused as the command refuses it, in its words.
+  /// Makes the case; its id. Refused while another is at work, and as the command refuses it, in its words.
   /// `cancelled` is asked all the time.
   ApiResult<std::string> import(const std::filesystem::path& source, const ImportOrder& order,
                                 const std::function<bool()>& cancelled);
