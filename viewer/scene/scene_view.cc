@@ -286,7 +286,7 @@ void Scene3d::look_from(const Vector3& towards_viewer, const Vector3& up) {
   camera->OrthogonalizeViewUp();
   s.renderer->ResetCamera();
   camera->Zoom(1.0);
-  camera->Dolly(1.28);
+  camera->Dolly(1.15);
   s.placed = true;
   render();
 }

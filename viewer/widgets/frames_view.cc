@@ -19,7 +19,7 @@ QRectF free_place(QRectF label, const QPointF& from, const QPointF& to, const st
   double least = 1e300;
   QRectF best = label;
   for (const double along : {0.5, 0.42, 0.58, 0.34, 0.66})
-    for (const double beside_px : {0.0, 12.0, -12.0}) {
+    for (const double beside_px : {0.0, 12.0, -12.0, 22.0, -22.0}) {
       label.moveCenter(from + along * (to - from) + QPointF(0, beside_px));
       double covered = 0.4 * std::abs(beside_px) + 20 * std::abs(along - 0.5);
       for (const QRectF& other : taken) {
