@@ -27,6 +27,12 @@ void add_edit_options(CLI::App& command, ParameterOptions& o) {
                      "margin curve to trim at instead of the cutting plane: a text file, x y z (mm) a line; "
                      "repeatable");
   command.add_option("--label", o.label, "text to emboss where there is room");
+  command
+      .add_option(
+          "--kind", o.kind,
+          "positioning (contacts of MI), or a stabilisation splint with guidance ramps: flat (parallel to "
+          "the occlusal plane), flat-fitted (least clearance to the opposing tips)")
+      ->check(CLI::IsMember({"positioning", "flat", "flat-fitted"}));
 }
 
 Result<SplintParameters> effective_parameters(const ParameterOptions& o, const SplintParameters& base) {
@@ -35,6 +41,7 @@ Result<SplintParameters> effective_parameters(const ParameterOptions& o, const S
     GNATHION_TRY(p, read_parameters(o.config, p));
   }
   for (const std::string& s : o.set) GNATHION_CHECK_OK(set_parameter(p, s));
+  if (!o.kind.empty()) p.flat_plane = o.kind == "flat" ? 1.0 : o.kind == "flat-fitted" ? 2.0 : 0.0;
   GNATHION_CHECK_OK(check_parameters(p));
   return p;
 }

@@ -19,10 +19,10 @@ struct ParameterOptions {
   std::vector<std::string> set;
   std::vector<std::string> teeth;    ///< "16=missing", "24=x,y,z"
   std::vector<std::string> margins;  ///< files of points
-  std::string label;
+  std::string label, kind;
 };
 void add_parameter_options(CLI::App& command, ParameterOptions& o);
-/// --tooth, --margin, --label: edits by hand over those of the --config file.
+/// --tooth, --margin, --label: edits by hand over those of the --config file; --kind.
 void add_edit_options(CLI::App& command, ParameterOptions& o);
 
 Result<SplintParameters> effective_parameters(const ParameterOptions& o, const SplintParameters& base = {});

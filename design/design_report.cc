@@ -152,6 +152,7 @@ json design_json(const SplintDesign& design, const std::vector<InputRecord>& inp
            {{"min", v.seat_gap.min_mm}, {"median", v.seat_gap.median_mm}, {"max", v.seat_gap.max_mm}}},
           {"edits", edits_json(design.edits)},
           {"label", label_facts(design.label)},
+          {"flat_plane", design.flat ? flat_plane_json(*design.flat, design.dental_from_design) : json()},
           {"arch", arch_name(design.worn_on)},
           {"insertion", insertion_facts(design)},
           {"maxilla_penetration_mm", v.maxilla_penetration_mm},

@@ -6,6 +6,7 @@ namespace {
 constexpr double kPenetrationMm = 0.02;
 constexpr double kExcursionMm = 0.15;  // the coarse sweep of the opposing arch is good to about 0.1
 constexpr double kSeatingMm = 0.02, kSeatingDeg = 0.05;
+constexpr double kFlatTeeth = 4.0;              // a flat splint that fewer teeth touch rocks
 constexpr double kInsertionToleranceMm = 0.02;  // as deep as surfaces at rest may be in each other
 constexpr double kUndercutMm = 0.05;            // of the imprint to the opening path
 constexpr double kLocksMm = 0.1;                // the same, past what the coarse sweep may miss
@@ -37,13 +38,17 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_least("side_wall_p01_mm", side_wall_p01_mm, p.wall_mm - kWallToleranceMm));
   gates.push_back(
       at_most("insertability_mm", v.insertability.deepest_mm, p.engagement_mm + kInsertionToleranceMm));
-  gates.push_back(at_most("imprint_depth_mm", v.imprint.depth_mm, p.imprint_depth_mm, false));
-  gates.push_back(at_most("imprint_depth_avoidable_mm", v.imprint.avoidable_mm, p.imprint_depth_mm));
+  const bool flat = is_flat(p);  // has no natural relief and no contacts of MI to compare with
+  if (flat)
+    gates.push_back(at_least("flat_touching_teeth", count(v.contacts.per_tooth.size()), kFlatTeeth, false));
+  if (!flat) gates.push_back(at_most("imprint_depth_mm", v.imprint.depth_mm, p.imprint_depth_mm, false));
+  if (!flat)
+    gates.push_back(at_most("imprint_depth_avoidable_mm", v.imprint.avoidable_mm, p.imprint_depth_mm));
   gates.push_back(at_most("imprint_undercut_mm", v.imprint.undercut_mm, kUndercutMm, false));
   gates.push_back(at_most("imprint_locks_mm", v.imprint.undercut_mm, kLocksMm));
   if (v.freedom) gates.push_back(at_most("excursions_depth_mm", v.freedom->deepest_mm, kExcursionMm));
   if (!v.seating_note.empty()) gates.push_back({"predicted_seating_at_rest", 0.0, 1.0, false, false});
-  if (v.predicted_seating) {
+  if (v.predicted_seating && !flat) {
     gates.push_back(at_most("predicted_seating_t_mm", v.predicted_seating->t_mm, kSeatingMm, false));
     gates.push_back(
         at_most("predicted_seating_alpha_deg", v.predicted_seating->alpha_deg, kSeatingDeg, false));
@@ -51,7 +56,7 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_most("contact_surface_p99_mm", v.contact_surface_error.p99_mm, 0.02, false));
   gates.push_back(at_least("contacts_left_mm2", v.contacts.left_area_mm2, 0.1, false));
   gates.push_back(at_least("contacts_right_mm2", v.contacts.right_area_mm2, 0.1, false));
-  gates.push_back(at_least("contacts_kept_fraction", v.kept_fraction, 0.5, false));
+  if (!flat) gates.push_back(at_least("contacts_kept_fraction", v.kept_fraction, 0.5, false));
   return gates;
 }
 

@@ -61,6 +61,15 @@ constexpr Field kFields[] = {
      "their way down, sidewards"},
     {"disclusion_mm", &SplintParameters::disclusion_mm, "mm", 0.0, 2.0,
      "distance kept on excursions, from 2 mm of way on"},
+    {"flat_plane", &SplintParameters::flat_plane, "", 0.0, 2.0,
+     "0 positioning; flat plane parallel to the occlusal plane (1), by least clearance (2)"},
+    {"plane_indent_mm", &SplintParameters::plane_indent_mm, "mm", 0.0, 1.0,
+     "flat plane: no tip of canines to molars goes deeper"},
+    {"canine_ramp_deg", &SplintParameters::canine_ramp_deg, "deg", 5.0, 60.0, "flat plane: canine guidance"},
+    {"canine_ramp_mm", &SplintParameters::canine_ramp_mm, "mm", 0.0, 5.0, "its length; 0: none"},
+    {"anterior_ramp_deg", &SplintParameters::anterior_ramp_deg, "deg", 5.0, 60.0,
+     "flat plane: anterior guidance"},
+    {"anterior_ramp_mm", &SplintParameters::anterior_ramp_mm, "mm", 0.0, 5.0, "its length; 0: none"},
     {"embrasure_mm", &SplintParameters::embrasure_mm, "mm", 0.0, 2.0,
      "grooves narrower than twice this stay empty"},
 };
@@ -84,6 +93,8 @@ Status check_parameters(const SplintParameters& parameters) {
   }
   for (const double tooth : {parameters.first_tooth, parameters.last_tooth})
     if (tooth != std::round(tooth)) return refuse("first_tooth, last_tooth", "not whole numbers");
+  if (parameters.flat_plane != std::round(parameters.flat_plane))
+    return refuse("flat_plane", "not 0, 1 or 2");
   if (parameters.first_tooth >= parameters.last_tooth)
     return refuse("first_tooth", "not before the last covered tooth (design.last_tooth)");
   if (parameters.aperture_limit_mm > parameters.wall_mm)

@@ -40,9 +40,20 @@ struct SplintParameters {
   double protrusion_deg = 30.0;         ///< their way down forwards ...
   double laterotrusion_deg = 15.0;      ///< ... and sidewards
   double disclusion_mm = 0.0;           ///< the splint stays this far from the opposing arch on excursions
+  /// 0: positioning splint; flat-plane stabilisation splint, its plane parallel to the occlusal plane (1) or
+  /// by least squares through the opposing tips (2).
+  double flat_plane = 0.0;
+  double plane_indent_mm = 0.2;     ///< no tip of canines to molars goes deeper into the plane
+  double canine_ramp_deg = 30.0;    ///< guidance before the canines: its angle to the plane ...
+  double canine_ramp_mm = 2.5;      ///< ... and length; 0: none
+  double anterior_ramp_deg = 30.0;  ///< the same before the incisors
+  double anterior_ramp_mm = 2.0;
   double embrasure_mm = 0.5;  ///< interdental grooves narrower than twice this are not filled by the splint
 };
 
+inline bool is_flat(const SplintParameters& p) {
+  return p.flat_plane > 0.5;
+}
 /// How many pieces such a splint has.
 inline std::size_t pieces_of(const SplintParameters& p) {
   return p.first_tooth > 1.5 ? 2 : 1;

@@ -178,6 +178,20 @@ GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, cons
   return shape;
 }
 
+/// Tells where the arch leaves a flat plane no room for the wall: above the opposing tips.
+void warn_of_room(const Preparation& p, double wall_mm, std::vector<std::string>& warnings) {
+  constexpr double kAroundTipMm = 2.5, kWorthTellingMm = 0.1;
+  double least = 1e300;
+  for (const Vector3& v : p.support.mesh().vertices_mm)
+    for (const FlatPlane::Tip& tip : p.flat->tips())
+      if ((v - tip.p_mm).head<2>().norm() < kAroundTipMm)
+        least = std::min(least, p.flat->normal().dot(v - p.flat->point_mm()));
+  if (least < wall_mm - kWorthTellingMm)
+    warnings.push_back(fmt::format(
+        "flat plane: {:.1f} mm between it and the teeth, the wall needs {:.1f}: not flat there, open further",
+        least, wall_mm));
+}
+
 /// Coarse spacing and box; the voxel decides how many fine ones make a coarse one.
 Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, const PreparationGrid& grid,
                 Preparation& p) {
@@ -185,12 +199,20 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
   p.refinement = std::max(1, static_cast<int>(std::lround(grid.spacing_mm / parameters.voxel_mm + 0.01)));
   const std::vector<MarginCurve>& margins = inputs.edits.margins;
   GNATHION_CHECK_OK(check_margins(margins, p.design_from_dental, p.support, p.level));
-  SplintParameters sized = parameters;  // room down to the deepest margin
+  SplintParameters sized = parameters;  // room down to the deepest margin, and out to the ramps' ends
+  if (is_flat(parameters))
+    sized.smoothing_mm += 2.0 + std::max(parameters.canine_ramp_mm, parameters.anterior_ramp_mm);
   sized.depth_mm = std::max(parameters.depth_mm, deepest_margin_mm(margins, p.design_from_dental, p.level));
   p.coarse = design_box(p.support.mesh(), p.level, p.tp_from_mi, sized, parameters.voxel_mm * p.refinement,
                         grid.room_mm);
   p.margin = MarginSurface(margins, p.design_from_dental, p.coarse);
   p.label_texts = label_texts(inputs, parameters);
+  p.flat.reset();
+  if (is_flat(parameters)) {
+    GNATHION_TRY(p.flat,
+                 FlatPlane::fitted(inputs, p.arch, p.design_from_dental, p.tp_from_mi, p.level, parameters));
+    warn_of_room(p, parameters.wall_mm + parameters.gap_mm, p.warnings);
+  }
   if ((p.coarse.nodes.array() < 8).any() || (p.coarse.nodes.array() > 2000).any())
     return bad_input("cannot design", inputs.on_maxilla() ? "maxilla" : "mandible",
                      "no crowns found near the arch curve");

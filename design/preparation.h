@@ -11,6 +11,7 @@
 #include "core/result.h"
 #include "design/coarse_grid.h"
 #include "design/edits.h"
+#include "design/flat_plane.h"
 #include "design/freedom.h"
 #include "design/margin.h"
 #include "design/parameters.h"
@@ -18,9 +19,10 @@
 
 namespace gnathion {
 
-/// Closes an open scan to a solid. Small boundary loops (scan holes) are filled with least area; loops wider
-/// than `rim_width_mm` (the rim of the scan) are extruded along `away` (unit, from the crowns to the base)
-/// and capped flat. `filled` receives one line per hole wider than 1 mm.
+/// Closes an open scan to a solid. Small boundary loops (scan holes) are filled as the surface about them
+/// goes on (hole_patch.h), or with least area where that cannot be told; loops wider than `rim_width_mm` (the
+/// rim of the scan) are extruded along `away` (unit, from the crowns to the base) and capped flat. `filled`
+/// receives one line per hole wider than 1 mm.
 TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std::vector<std::string>* filled,
                              double rim_width_mm = 15.0);
 
@@ -82,8 +84,9 @@ struct Preparation {
   std::vector<std::string> warnings;
   std::vector<std::uint8_t> support_fdi;  ///< per vertex of the supporting arch's scan as given; 0: no tooth
 
-  MarginSurface margin = {};                   ///< where the operator drew one
+  MarginSurface margin = {};                  ///< where the operator drew one
   std::vector<std::string> label_texts = {};  ///< to emboss, the fullest first; empty: no label
+  std::optional<FlatPlane> flat = {};         ///< in S_occ's place, for a stabilisation splint
 
   /// The height at which the splint is cut: depth_mm behind the level, or the drawn margin.
   double cut_mm(const Vector3& p_mm, double depth_mm) const {

@@ -86,7 +86,9 @@ void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, cons
           ? *inputs.occlusal_surface
           : region_mesh(inputs.support(), crown_region(inputs.support(), preparation.arch, inputs.arch,
                                                        design.parameters.stamp_height_mm));
-  design.occlusal_surface_tp = transformed(inputs.opposing_motion(), occlusal);
+  design.occlusal_surface_tp =
+      preparation.flat ? transformed(dental, splint.region({SurfacePart::kStamp, SurfacePart::kImprint}))
+                       : transformed(inputs.opposing_motion(), occlusal);
   design.cavity = transformed(dental, splint.region({SurfacePart::kCavity}));
   design.outer = transformed(dental, splint.region({SurfacePart::kOuter, SurfacePart::kStamp,
                                                     SurfacePart::kImprint, SurfacePart::kRelief}));
@@ -170,6 +172,8 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     steps.begin("shells and stamp", 0.25);
     const SplintField field(preparation, parameters);
     tell_label(field, design);
+    design.flat = preparation.flat;
+    design.dental_from_design = preparation.design_from_dental.inverse();
 
     steps.begin("extraction", 0.25);
     LargestPiece pieces = largest_piece(extracted_splint(field), pieces_of(parameters));

@@ -13,6 +13,7 @@
 #include "core/result.h"
 #include "core/transform.h"
 #include "design/edits.h"
+#include "design/flat_plane.h"
 #include "design/parameters.h"
 #include "design/verification.h"
 #include "occlusion/arch.h"
@@ -48,9 +49,9 @@ struct SplintInputs {
 /// What is embossed, and where.
 struct EmbossedLabel {
   std::string text;
-  bool buccal = true;       ///< else palatal or lingual
-  double letter_mm = 0.0;   ///< height of the letters
-  double width_mm = 0.0;    ///< of the text
+  bool buccal = true;                   ///< else palatal or lingual
+  double letter_mm = 0.0;               ///< height of the letters
+  double width_mm = 0.0;                ///< of the text
   Vector3 centre_mm = Vector3::Zero();  ///< Dental
 };
 
@@ -73,6 +74,8 @@ struct SplintDesign {
   Insertion insertion;  ///< direction in Dental
   SplintEdits edits;
   std::optional<EmbossedLabel> label;
+  std::optional<FlatPlane> flat;  ///< of a stabilisation splint, in the design frame
+  Rigid3 dental_from_design;
   /// For pictures and profiles, in Dental.
   TriangleMesh opposing_tp;          ///< L_TP; T_th⁻¹·U0 over a mandibular splint
   TriangleMesh occlusal_surface_tp;  ///< S_occ carried likewise

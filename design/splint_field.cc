@@ -151,7 +151,23 @@ SplintField::SplintField(const Preparation& preparation, const SplintParameters&
   place_label();
 }
 
+namespace {
+
+/// The flat plane in S_occ's place.
+CoarseGrid sampled_slab(const Preparation& prep) {
+  CoarseGrid out(prep.coarse, 0.0f);
+  parallel_each(prep.coarse.nodes.x(), [&](int i) {
+    for (int j = 0; j < prep.coarse.nodes.y(); ++j)
+      for (int k = 0; k < prep.coarse.nodes.z(); ++k)
+        out.at(i, j, k) = static_cast<float>(prep.flat->slab_mm(prep.coarse.position(i, j, k)));
+  });
+  return out;
+}
+
+}  // namespace
+
 void SplintField::build_shapes() {
+  if (prep_.flat) jaws_.stamp = sampled_slab(prep_);
   tbb::parallel_invoke(
       [&] {
         cavity_closed_ = without_embrasures(coarse_cavity(jaws_.support, jaws_.support_swept, par_), par_);
@@ -166,7 +182,7 @@ void SplintField::build_shapes() {
       });
   const double near_mm = kSolidError * prep_.coarse.spacing_mm;
   const auto solid = [&](const Vector3& p) { return estimate(p).value <= near_mm; };  // without the limit yet
-  limit_ = ImprintLimit(prep_, par_.imprint_depth_mm, solid);
+  if (!prep_.flat) limit_ = ImprintLimit(prep_, par_.imprint_depth_mm, solid);
 }
 
 void SplintField::place_label() {
@@ -205,7 +221,7 @@ SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   in.gap = 0.5 * (par_.gap_mm + par_.stop_gap_mm);
   in.support_swept = jaws_.support_swept.linear(cell);
   in.cavity_closed = cavity_closed_.linear(cell);
-  in.stamp = jaws_.stamp.linear(cell);
+  in.stamp = prep_.flat ? prep_.flat->slab_mm(p) : jaws_.stamp.linear(cell);
   in.opposing = jaws_.opposing.linear(cell);
   in.opposing_swept = jaws_.opposing_swept.linear(cell);
   in.body = body_.linear(cell);
@@ -230,8 +246,9 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   const Vector3 natural = natural_from_tp_ * p;
   const double top =
       prep_.given_stamp ? -kStampTopMm : natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
-  const double stamp = in.stamp + kStampFade * std::max(0.0, in.opposing - kStampNearMm) +
+  const double faded = kStampFade * std::max(0.0, in.opposing - kStampNearMm) +
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
+  const double stamp = in.stamp + (prep_.flat ? 0.0 : faded);
   f.body = std::min(in.body, stamp);
   if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, in.body_smoothed);
   // Beside the imprint nothing stands lower than d beyond the natural relief, but for the wall over the
@@ -239,6 +256,9 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   if (!limit_.empty())
     f.body =
         std::max(f.body, std::min({limit_.below_mm(p), f.cavity - par_.wall_mm - kWallErrorMm, in.stamp}));
+  // Nothing but the wall over the cavity stands beyond a flat plane and its ramps.
+  if (prep_.flat)
+    f.body = std::max(f.body, std::min(prep_.flat->beyond_mm(p), f.cavity - par_.wall_mm - kWallErrorMm));
   if (label_) f.body = label_->raised_mm(p, f.body);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
@@ -317,7 +337,7 @@ void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>&
     }
     if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
       opposing.add(p, in[i].opposing, i);
-      stamp.add(natural_from_tp_ * p, in[i].stamp, i);
+      if (!prep_.flat) stamp.add(natural_from_tp_ * p, in[i].stamp, i);
     }
   }
   support.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {

@@ -77,7 +77,7 @@ class SplintField {
   CoarseGrid body_smoothed_;  ///< the same, blurred: where strokes smooth; else empty
   CoarseGrid free_;           ///< the opposing arch swept along its excursions; empty: none
   std::optional<Label> label_;
-  ImprintLimit limit_;        ///< how low the body may stand beside the imprint
+  ImprintLimit limit_;  ///< how low the body may stand beside the imprint
 };
 
 /// The field's zero level, pieces and all.

@@ -15,7 +15,7 @@ CoarseGrid stamp_body(const CoarseGrid& stamp, const Preparation& preparation, c
   const GridShape& shape = stamp.shape();
   const Rigid3 natural_from_tp = preparation.tp_from_mi.inverse();
   const double slope = std::sin(p.draft_deg * M_PI / 180.0);
-  if (preparation.given_stamp) return swept_up(stamp, slope);
+  if (preparation.given_stamp || preparation.flat) return swept_up(stamp, slope);
   CoarseGrid tops = stamp;
   parallel_each(shape.nodes.x(), [&](int i) {
     for (int j = 0; j < shape.nodes.y(); ++j)

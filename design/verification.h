@@ -70,7 +70,7 @@ struct SplintVerification {
   std::vector<Aperture> apertures;
   std::optional<ContactSigma> contact_sigma;  ///< where T_th's covariance is known
   double retention_area_mm2 = 0.0;            ///< of the cavity's surface below the height of contour
-  Retention retention;  ///< the arch's undercuts, and what the splint holds of them
+  Retention retention;                        ///< the arch's undercuts, and what the splint holds of them
   /// The opposing arch on its excursions: how deep it runs into the splint.
   struct Freedom {
     std::size_t poses = 0;  ///< looked at

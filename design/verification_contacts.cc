@@ -31,7 +31,7 @@ double contact_error(double stamp_mm, double opposing_mm) {
 void measure_contact_surface(const FinishedSplint& splint, const Preparation& preparation,
                              SplintVerification& out) {
   const Rigid3 natural_from_tp = preparation.tp_from_mi.inverse();
-  std::vector<Vector3> biting, natural;
+  std::vector<Vector3> biting, near_opposing, natural;
   for (std::size_t v = 0; v < splint.parts.size(); ++v)
     if (splint.parts[v] == SurfacePart::kImprint || splint.parts[v] == SurfacePart::kStamp)
       biting.push_back(splint.mesh().vertices_mm[v]);
@@ -39,6 +39,7 @@ void measure_contact_surface(const FinishedSplint& splint, const Preparation& pr
   std::vector<double> to_opposing;
   for (std::size_t i = 0; i < biting.size(); ++i) {
     if (opposing[i].triangle == ClosestHit::kNoTriangle) continue;
+    near_opposing.push_back(biting[i]);
     natural.push_back(natural_from_tp * biting[i]);
     to_opposing.push_back(opposing[i].distance_mm);
   }
@@ -46,7 +47,10 @@ void measure_contact_surface(const FinishedSplint& splint, const Preparation& pr
   std::vector<double> error;
   for (std::size_t i = 0; i < natural.size(); ++i) {
     const bool near = stamp[i].triangle != ClosestHit::kNoTriangle;
-    error.push_back(std::abs(contact_error(near ? stamp[i].distance_mm : 1.0, to_opposing[i])));
+    const double stamp_mm = preparation.flat ? preparation.flat->beyond_mm(near_opposing[i])
+                            : near           ? stamp[i].distance_mm
+                                             : 1.0;
+    error.push_back(std::abs(contact_error(stamp_mm, to_opposing[i])));
   }
   if (error.empty()) return;
   std::sort(error.begin(), error.end());

@@ -111,6 +111,15 @@ expect 2 'wrong usage' "$gnathion" print prepare
 printf 'name = "p"\nspeed = 3\n' >"$work/printer.toml"
 expect 4 'speed: no such key' "$gnathion" print prepare --design "$work" --profile "$work/printer.toml" --out "$work/plate"
 expect 2 'gap_mm' "$gnathion" design ladder --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/ladder" --gap 0.9
+plain=(--quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out")
+expect 2 '16=missing or 24=x,y,z' "$gnathion" design "${plain[@]}" --tooth 16
+expect 2 'fdi is not' "$gnathion" design "${plain[@]}" --tooth 99=missing
+expect 2 'label' "$gnathion" design "${plain[@]}" --label 'a"b'
+expect 2 'kind' "$gnathion" design "${plain[@]}" --kind round
+printf '1 2 3\n4 five 6\n' > "$work/margin.txt"
+expect 4 'margin.txt:2.*three numbers' "$gnathion" design "${plain[@]}" --margin "$work/margin.txt"
+printf '[[design.tooth]]\nfdi = 16\nmissing = true\nat_mm = [1, 2, 3]\n' > "$work/teeth.toml"
+expect 4 'missing = true or at_mm' "$gnathion" design "${plain[@]}" --config "$work/teeth.toml"
 expect 4 'not.mcap' "$gnathion" recording info "$work/not.mcap"
 expect 4 'absent.mcap' "$gnathion" recording verify "$work/absent.mcap"
 expect 4 "maxila_mi" "$gnathion" run "$work"

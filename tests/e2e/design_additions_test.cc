@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 
 #include <nlohmann/json.hpp>
 
@@ -214,6 +215,84 @@ TEST(Label, StandsOutOfTheWallByThreeTenthsAndTouchesNothingElse) {
   EXPECT_LE(proudest, 0.5);  // 0.35, and what voxels of 0.2 mm and the grid's slope make of it
   EXPECT_EQ(marked().design.verdict, "pass")
       << (marked().design.violated.empty() ? "" : marked().design.violated.front());
+}
+
+/// Opened by 3° more than the positioning splint: the plane needs room.
+struct Flat {
+  SplintInputs in = inputs();
+  SplintParameters parameters;
+  SplintDesign design;
+  Flat() {
+    const PhantomLandmarks& l = jaws().landmarks;
+    const Vector3 hinge = 0.5 * (l.condyle_left_mm + l.condyle_right_mm);
+    in.therapeutic = Motion<Dental>(Rigid3::about_axis(hinge, Vector3::UnitX(), 5.0 * M_PI / 180.0));
+    parameters.voxel_mm = 0.2;
+    parameters.insertion_search_deg = 0.0;
+    parameters.flat_plane = 2.0;
+    SilentProgress silent;
+    auto made = design_splint(in, parameters, silent);
+    if (!made) throw std::runtime_error(made.error().line());
+    design = std::move(*made);
+  }
+};
+const Flat& flat() {
+  static const Flat instance;
+  return instance;
+}
+
+TEST(FlatPlaneSplint, IsAPlaneThatTheLowerCuspsTouchInTp) {
+  const SplintDesign& d = flat().design;
+  EXPECT_EQ(d.verdict, "pass") << (d.violated.empty() ? "" : d.violated.front());
+  ASSERT_TRUE(d.flat);
+  EXPECT_GE(d.verification.contacts.per_tooth.size(), 4u);
+  EXPECT_GT(d.verification.contacts.left_area_mm2, 0.05);
+  EXPECT_GT(d.verification.contacts.right_area_mm2, 0.05);
+  // No bearing tip goes deeper than allowed, and the deepest goes just so deep or all touch.
+  double deepest = -1e9;
+  for (const FlatPlane::Tip& tip : d.flat->tips())
+    if (tip.fdi % 10 >= 3) deepest = std::max(deepest, tip.into_mm);
+  EXPECT_LE(deepest, flat().parameters.plane_indent_mm + 1e-9);
+  EXPECT_GE(deepest, 0.0);
+  // The biting surface over premolars and molars: most of the stamp's vertices lie in the plane.
+  const Rigid3 design_from_dental = d.dental_from_design.inverse();
+  const Vector3 normal = d.dental_from_design.rotation * d.flat->normal();
+  const std::vector<Vector3> normals = vertex_normals(d.splint);
+  std::size_t biting = 0, in_plane = 0;
+  for (std::size_t v = 0; v < d.part.size(); ++v) {
+    if (d.part[v] != 2 || normals[v].dot(normal) > -0.97) continue;  // SurfacePart::kStamp, its biting side
+    ++biting;
+    in_plane += std::abs(d.flat->beyond_mm(design_from_dental * d.splint.vertices_mm[v])) < 0.02;
+  }
+  std::printf("flat: %zu of %zu biting vertices in the plane, %zu teeth touch\n", in_plane, biting,
+              d.verification.contacts.per_tooth.size());
+  EXPECT_GT(biting, 200u);
+  EXPECT_GT(static_cast<double>(in_plane), 0.8 * static_cast<double>(biting));
+  EXPECT_LT(d.verification.contact_surface_error.mean_abs_mm, 0.02);
+}
+
+TEST(FlatPlaneSplint, GuidesTheCanineUpItsRamp) {
+  const SplintDesign& d = flat().design;
+  const MeshQuery splint(d.splint);
+  const Vector3 normal = d.dental_from_design.rotation * d.flat->normal();
+  std::size_t canines = 0;
+  for (const FlatPlane::Ramp& ramp : d.flat->ramps()) {
+    if (ramp.fdi % 10 != 3) continue;
+    ++canines;
+    EXPECT_NEAR(std::atan(ramp.slope) * 180.0 / M_PI, flat().parameters.canine_ramp_deg, 1e-9);
+    // A ray from the opposing side meets the ramp at its height, half way and three quarters up.
+    for (const double part : {0.5, 0.75, 0.95}) {
+      const Vector3 foot = d.dental_from_design * Vector3(ramp.start_mm + part * ramp.length_mm * ramp.along);
+      const auto hit = splint.ray(foot - 8.0 * normal, normal);
+      ASSERT_TRUE(hit.has_value()) << int(ramp.fdi);
+      const double height = (foot - hit->point_mm).dot(normal);
+      // The canine itself, in TP, may have taken some of it; nothing stands higher but the wall over cusps.
+      EXPECT_LE(height, part * ramp.length_mm * ramp.slope + 0.05) << int(ramp.fdi) << " " << part;
+      if (part > 0.7) {
+        EXPECT_GT(height, 0.5 * part * ramp.length_mm * ramp.slope) << int(ramp.fdi) << " " << part;
+      }
+    }
+  }
+  EXPECT_EQ(canines, 2u);
 }
 
 TEST(Label, ThatIsTooLongIsToldNotSqueezed) {
