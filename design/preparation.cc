@@ -180,6 +180,8 @@ GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, cons
 
 /// Tells where the arch leaves a flat plane no room for the wall: above the opposing tips.
 void warn_of_room(const Preparation& p, double wall_mm, std::vector<std::string>& warnings) {
+  const auto ours = [](const std::string& w) { return w.rfind("flat plane: ", 0) == 0; };  // of the last call
+  warnings.erase(std::remove_if(warnings.begin(), warnings.end(), ours), warnings.end());
   constexpr double kAroundTipMm = 2.5, kWorthTellingMm = 0.1;
   double least = 1e300;
   for (const Vector3& v : p.support.mesh().vertices_mm)
