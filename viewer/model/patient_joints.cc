@@ -28,7 +28,7 @@ Status find_joints(const CaseContent& c, PatientJoints* out, Progress& progress)
 }
 
 Status make_films(const ArchFrame& arch, PatientJoints* out) {
-  const XrayOptions options;
+  const XrayOptions options = scaled_to(out->volume->file.volume, {}, &out->notes);
   GNATHION_TRY(const std::vector<MovingJoint> moving,
                moving_joints(*out->volume, *out->joints, {}, options.field_mm, &out->notes));
   for (const char* name : kViews) {
