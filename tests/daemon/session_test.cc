@@ -162,7 +162,8 @@ TEST_F(DaemonSession, CaseTomlNamesTheNewestRecording) {
     EXPECT_EQ(named_recording(), folder / "recordings/recording_001.mcap");
   }
   EXPECT_TRUE(eventually([&] { return named_recording() == folder / "recordings/recording_002.mcap"; }));
-  {  // So it is across a crash and a restart.
+  {  // So it is across a crash and a restart. The daemon lets go of the case a moment after it has written.
+    ASSERT_TRUE(eventually([&] { return CaseLock::take(folder, "test").has_value(); }));
     const auto lock = CaseLock::take(folder, "test");
     ASSERT_TRUE(lock);
     ASSERT_TRUE(client_->start("held"));
