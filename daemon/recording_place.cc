@@ -45,17 +45,22 @@ std::string next_name(const fs::path& folder) {
 }
 
 /// For a line of the log: what became of entering a recording that a crash had cut off. `shown` begins with
-/// the case's folder.
+/// the case's folder. The note of a running recording goes when it is needed no more.
 std::string entered(const DaemonConfig& config, const CaseRoot& root, const std::string& shown) {
   const std::size_t slash = shown.find('/');
-  if (slash == std::string::npos) return {};
+  if (slash == std::string::npos) {
+    forget_running_recording(config);
+    return {};
+  }
   const std::string case_id = shown.substr(0, slash), inside = shown.substr(slash + 1);
   const auto done = enter_recording(root, case_id, inside);
   auto waiting = waiting_recordings(config);
   waiting.erase(case_id);  // an older one
-  if (done && !*done) waiting[case_id] = inside;
-  note_waiting_recordings(config, waiting);
-  if (!done) return "; " + done.error().line();
+  const bool waits = done ? !*done : !is_final(done.error());
+  if (waits) waiting[case_id] = inside;
+  const bool noted = note_waiting_recordings(config, waiting);
+  if (noted || !waits) forget_running_recording(config);
+  if (!done) return "; " + why_not_entered(done.error());
   return *done ? "" : "; case.toml will name it when what works in the case has ended";
 }
 
@@ -101,6 +106,16 @@ Result<bool> enter_recording(const CaseRoot& root, const std::string& case_id,
   return true;
 }
 
+bool is_final(const Error& not_entered) {
+  return not_entered.code != ErrorCode::kInternal;
+}
+
+std::string why_not_entered(const Error& error) {
+  if (error.code == ErrorCode::kGate) return "case.toml names another recording, which stays";
+  if (is_final(error)) return "it cannot be entered in case.toml: `gnathion case info` tells why";
+  return "it will be entered in case.toml when that can be written: " + error.why;
+}
+
 Status note_running_recording(const DaemonConfig& config, const CaseRoot& root, const fs::path& file) {
   const nlohmann::json note = {{"recording", fs::relative(file, root.path()).string()}};
   return write_file(note_file(config), note.dump() + "\n");
@@ -111,14 +126,15 @@ void forget_running_recording(const DaemonConfig& config) {
   fs::remove(note_file(config), ec);
 }
 
-void note_waiting_recordings(const DaemonConfig& config, const std::map<std::string, std::string>& by_case) {
+bool note_waiting_recordings(const DaemonConfig& config, const std::map<std::string, std::string>& by_case) {
   std::error_code ec;
   if (by_case.empty()) {
     fs::remove(waiting_file(config), ec);
-  } else if (const Status written = write_file(waiting_file(config), nlohmann::json(by_case).dump() + "\n");
-             !written) {
-    log(LogLevel::kError, written.error().line());
+    return !ec;
   }
+  const Status written = write_file(waiting_file(config), nlohmann::json(by_case).dump() + "\n");
+  if (!written) log(LogLevel::kError, written.error().line());
+  return written.has_value();
 }
 
 std::map<std::string, std::string> waiting_recordings(const DaemonConfig& config) {
@@ -151,7 +167,6 @@ std::vector<std::string> recover_after_crash(const DaemonConfig& config, const C
   if (found && found->whole) {
     const std::string line =
         shown + " was complete when the daemon was killed" + entered(config, root, shown);
-    forget_running_recording(config);
     return {line};
   }
   const fs::path whole = file->string() + ".recovered";
@@ -168,7 +183,6 @@ std::vector<std::string> recover_after_crash(const DaemonConfig& config, const C
   const std::string line =
       fmt::format("{} was cut off and has been recovered; {} samples are known to be missing{}", shown, *lost,
                   entered(config, root, shown));
-  forget_running_recording(config);
   return {line};
 }
 

@@ -26,15 +26,20 @@ ApiResult<RecordingPlace> place_for_recording(const CaseRoot& root, const std::s
 Result<bool> enter_recording(const CaseRoot& root, const std::string& case_id,
                              const std::string& inside_case);
 
+/// False: the error may pass (a full disk): try again. Else this recording will never be entered.
+bool is_final(const Error& not_entered);
+/// Why, for the log and the audit trail: without names of files, which may be a person's.
+std::string why_not_entered(const Error& error);
+
 /// A note in the state folder that this file is being written: after a crash it is there.
 Status note_running_recording(const DaemonConfig& config, const CaseRoot& root,
                               const std::filesystem::path& file);
 void forget_running_recording(const DaemonConfig& config);
 
-/// Recordings, by case, that are whole but not yet in case.toml, since something works in the case: a note in
-/// the state folder, so that neither a crash nor a restart loses them. A note that cannot be written is told
-/// in the log.
-void note_waiting_recordings(const DaemonConfig& config, const std::map<std::string, std::string>& by_case);
+/// Recordings, by case, that are whole but not yet in case.toml, since something works in the case or the
+/// disk is full: a note in the state folder, so that neither a crash nor a restart loses them. False: it
+/// cannot be written, which the log tells.
+bool note_waiting_recordings(const DaemonConfig& config, const std::map<std::string, std::string>& by_case);
 std::map<std::string, std::string> waiting_recordings(const DaemonConfig& config);
 
 }  // namespace gnathion::daemon

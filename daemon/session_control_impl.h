@@ -63,6 +63,7 @@ struct SessionControl::Impl {
   std::uint32_t mark_count = 0;
   SessionStatus last_status;
   std::map<std::string, std::string> not_entered;  ///< by case: its newest recording, not yet in case.toml
+  std::map<std::string, std::string> told_faults;  ///< by case: why that one waits, as it was last told
 };
 
 }  // namespace gnathion::daemon

@@ -101,18 +101,20 @@ ApiResult<MarkPlace> SessionControl::mark(const MarkRequest& request) {
   EventSample event{{MarkDevice::kStream, s.mark_count, at, now, {}}, request.kind, true, request.text};
   const MarkPlace place{at, s.mark_count};
   using Edge = MarkRequest::Edge;
-  const auto lost = [] {
+  const auto lost = [](const char* what) {
     return refuse(ApiCode::kUnavailable,
-                  "the mark is not in the recording, which is just ending: look at the session");
+                  fmt::format("{} the recording, which is just ending: look at the session", what));
   };
   if (request.edge != Edge::kRelease) {
-    if (!s.put_mark(event)) return lost();
+    if (!s.put_mark(event)) return lost("the mark is not in");
     event.header.sequence = ++s.mark_count;
     if (request.kind == "MI") s.devices->mi_begins(fmt::format("mark {}", place.sequence));
   }
   if (request.edge != Edge::kPress) {
     event.pressed = false;
-    if (!s.put_mark(event)) return lost();
+    if (!s.put_mark(event))
+      return lost(request.edge == Edge::kRelease ? "the mark is not in"
+                                                 : "the mark's press is in, but its release is not in");
     ++s.mark_count;
   }
   s.tell();
@@ -133,40 +135,48 @@ void SessionControl::Impl::end_recording(std::unique_lock<std::mutex>& lock) {
     message = "the recording ended early: " + finished.error().line();
     log(LogLevel::kError, message);
   }
-  if (finished) {
-    not_entered[case_id] = recording;
-    note_waiting_recordings(config,
-                            not_entered);  // before the other note goes: a crash between loses nothing
-  }
-  forget_running_recording(config);
+  if (finished) not_entered[case_id] = recording;
+  // Before the other note goes: a crash between loses nothing.
+  const bool noted = !finished || note_waiting_recordings(config, not_entered);
+  if (noted) forget_running_recording(config);
   session.reset();
   marks.reset();
   enter_waiting(lock);
+  if (!noted && not_entered.count(case_id) == 0) forget_running_recording(config);
   state = transition(state, Event::kFileClosed).next;
 }
 
-/// What could not be entered since something works in the case waits for the next time; with the lock, which
-/// is given back meanwhile.
+/// What could not be entered since something works in the case, or the disk is full, waits for the next time;
+/// with the lock, which is given back meanwhile.
 void SessionControl::Impl::enter_waiting(std::unique_lock<std::mutex>& lock) {
   lock.unlock();
   std::lock_guard in_order(entering);  // never an older recording after a newer one
   lock.lock();
   const auto waiting = not_entered;
   lock.unlock();
-  std::vector<std::string> done, faults;
+  std::vector<std::string> done;
+  std::map<std::string, Error> faults;
   for (const auto& [id, file] : waiting) {
     const auto entered = enter_recording(root, id, file);
     if (entered && !*entered) continue;
+    if (!entered) faults[id] = entered.error();
+    if (!entered && !is_final(entered.error())) continue;
     done.push_back(id);
-    if (!entered) faults.push_back(entered.error().line());
     if (case_changed) case_changed(id);
   }
-  for (const std::string& line : faults) log(LogLevel::kWarning, line);
   lock.lock();
-  for (const std::string& id : done)
+  for (const auto& [id, error] : faults) {  // tried again each second, told once
+    const std::string line = error.line() + (is_final(error) ? "" : "; it is tried again");
+    if (std::exchange(told_faults[id], line) == line) continue;
+    log(LogLevel::kWarning, fmt::format("a recording of {}: {}", id, why_not_entered(error)));
+    if (message.empty()) message = line;
+  }
+  for (const std::string& id : done) {
+    if (!faults.count(id) && message == told_faults[id]) message.clear();
+    told_faults.erase(id);
     if (not_entered[id] == waiting.at(id)) not_entered.erase(id);
+  }
   if (!done.empty()) note_waiting_recordings(config, not_entered);
-  if (!faults.empty() && message.empty()) message = faults.back();
 }
 
 void SessionControl::enter_recordings() {
