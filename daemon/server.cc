@@ -44,11 +44,24 @@ Result<CaseRoot> open_case_root(const fs::path& root) {
   return CaseRoot::open(root);
 }
 
-/// Made anew from the folders at each start: what was changed in them meanwhile is in it.
+/// Made anew from the folders at each start: what was changed in them meanwhile is in it. A disk that
+/// takes no more, or a file that somebody keeps locked, is no reason not to serve: then the old one, or one
+/// beside the socket (in memory under systemd) until the next start, which knows no head of the audit trail.
 Result<Catalogue> open_catalogue(const DaemonConfig& config, const CaseRoot& root) {
-  const auto rebuilt = Catalogue::rebuild(config.catalogue_file(), root.path(), CaseTrust::kConfined);
-  if (!rebuilt) return tl::unexpected<Error>(rebuilt.error());
-  return Catalogue::open(config.catalogue_file());
+  const fs::path usual = config.catalogue_file();
+  const fs::path spare = config.socket.parent_path() / (usual.filename().string() + ".spare");
+  Error first;
+  for (const fs::path& file : {usual, spare}) {
+    extend_start_timeout();
+    const auto rebuilt = Catalogue::rebuild(file, root.path(), CaseTrust::kConfined);
+    auto opened = Catalogue::open(file);
+    if (rebuilt && opened) return opened;
+    const Error& error = rebuilt ? opened.error() : rebuilt.error();
+    if (first.why.empty()) first = error;
+    log(LogLevel::kWarning, error.line() + (opened ? "; the catalogue is not up to date" : ""));
+    if (opened) return opened;
+  }
+  return tl::unexpected<Error>(first);
 }
 
 fs::path program_of(const DaemonConfig& config) {
