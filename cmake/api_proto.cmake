@@ -1,6 +1,7 @@
 # The daemon's API: messages and services in one library of its own, generated once, with little optimisation: its
 # time goes into copying bytes, not into this code.
 find_package(gRPC REQUIRED)
+set_property(TARGET re2::re2 PROPERTY INTERFACE_COMPILE_OPTIONS "")  # -pthread spoils the precompiled header
 set(api_names devices capture live cases jobs)
 set(api_sources "")
 foreach(name ${api_names})

@@ -155,6 +155,7 @@ StagedDirectory::~StagedDirectory() {
 Status StagedDirectory::commit() {
   std::error_code ec;
   const fs::path old = beside(target_, "old");
+  const InterruptsWait interrupts_wait;
   const bool replaces = fs::exists(target_, ec);
   if (replaces) fs::rename(target_, old, ec);
   if (!ec) fs::rename(staging_, target_, ec);
@@ -163,7 +164,7 @@ Status StagedDirectory::commit() {
     if (replaces && !fs::exists(target_, ec)) fs::rename(old, target_, ec);
     return fail(ErrorCode::kInternal, "cannot write", target_.string(), why);
   }
-  stays_when_interrupted(staging_);
+  interrupts_wait.stays(staging_);
   staging_.clear();
   if (replaces) fs::remove_all(old, ec);
   return {};

@@ -73,7 +73,12 @@ void goes_when_interrupted(const fs::path& path) {
 }
 
 void stays_when_interrupted(const fs::path& path) {
-  const std::scoped_lock lock(registered().mutex);
+  InterruptsWait().stays(path);
+}
+
+InterruptsWait::InterruptsWait() : lock_(registered().mutex) {}
+
+void InterruptsWait::stays(const fs::path& path) const {
   auto& paths = registered().paths;
   const auto found = std::find(paths.begin(), paths.end(), path);
   if (found != paths.end()) paths.erase(found);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <mutex>
 #include <utility>
 
 namespace gnathion {
@@ -15,7 +16,19 @@ void clean_up_when_interrupted();
 void goes_when_interrupted(const std::filesystem::path& path);
 void stays_when_interrupted(const std::filesystem::path& path);
 
-/// The same for as long as this object lives.
+/// While it lives nothing is removed and the program is not ended: for the renames that put what was
+/// registered in its place. Once the removing has begun, making one waits for the end.
+class InterruptsWait {
+ public:
+  InterruptsWait();
+  /// stays_when_interrupted(), from within.
+  void stays(const std::filesystem::path& path) const;
+
+ private:
+  std::unique_lock<std::mutex> lock_;
+};
+
+/// Goes if the program is interrupted while this object lives.
 class GoesWhenInterrupted {
  public:
   explicit GoesWhenInterrupted(std::filesystem::path path) : path_(std::move(path)) {

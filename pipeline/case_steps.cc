@@ -55,17 +55,20 @@ std::string key_of(const StepSpec& spec, const StepRecord& record, const std::ve
   return sha256_hex(k.dump());
 }
 
-/// Device, inode, size and time of writing; of a folder, of all files in it.
-std::string stamp_of(const fs::path& path) {
+/// Device, inode, size and time of writing; of a folder, of all files in it. As in sha256_of() links to
+/// folders are not followed.
+std::string stamp_of(const fs::path& path, bool named = true) {
   struct stat s {};
   if (::stat(path.c_str(), &s) != 0) return "gone";
+  std::error_code link;
+  if (!named && S_ISDIR(s.st_mode) && fs::is_symlink(path, link)) return "";
   std::string text =
       fmt::format("{} {} {} {}.{}", s.st_dev, s.st_ino, s.st_size, s.st_mtim.tv_sec, s.st_mtim.tv_nsec);
   if (!S_ISDIR(s.st_mode)) return text;
   std::vector<std::string> all;
   std::error_code ec;
   for (const auto& entry : fs::directory_iterator(path, ec))
-    all.push_back(entry.path().filename().string() + " " + stamp_of(entry.path()) + "\n");
+    all.push_back(entry.path().filename().string() + " " + stamp_of(entry.path(), false) + "\n");
   std::sort(all.begin(), all.end());
   for (const std::string& one : all) text += "\n" + one;
   return sha256_hex(text);
@@ -177,6 +180,12 @@ Status exchange(const fs::path& a, const fs::path& b) {
   return ec ? Status(cannot(b, ec.message())) : Status();
 }
 
+/// A folder, and no link to one: what a link leads to is not this case's.
+bool is_own_folder(const fs::path& path) {
+  std::error_code ec;
+  return fs::is_directory(fs::symlink_status(path, ec));
+}
+
 /// Of a run that was killed: steps half-made, results half put together. With the case's lock.
 void remove_parts(const fs::path& folder) {
   const fs::path results = folder / "results", staging = folder / ".results.part";
@@ -184,6 +193,7 @@ void remove_parts(const fs::path& folder) {
   if (!fs::exists(results, ec) && fs::exists(staging.string() + ".old", ec))
     fs::rename(staging.string() + ".old", results, ec);
   for (const fs::path& path : {staging, fs::path(staging.string() + ".old")}) fs::remove_all(path, ec);
+  if (!is_own_folder(steps_of(folder))) return;
   for (const auto& entry : fs::directory_iterator(steps_of(folder), ec)) {
     std::error_code one;
     if (entry.path().filename().string().front() == '.') fs::remove_all(entry.path(), one);
@@ -196,8 +206,9 @@ bool clean_interrupted_run(const fs::path& folder) {
   std::error_code ec;
   const fs::path staging = folder / ".results.part";
   bool any = fs::exists(staging, ec) || fs::exists(staging.string() + ".old", ec);
-  for (const auto& entry : fs::directory_iterator(steps_of(folder), ec))
-    any = any || entry.path().filename().string().front() == '.';
+  if (is_own_folder(steps_of(folder)))
+    for (const auto& entry : fs::directory_iterator(steps_of(folder), ec))
+      any = any || entry.path().filename().string().front() == '.';
   if (!any) return false;
   const auto lock = CaseLock::take(folder, kWhat);
   if (!lock) return false;  // one is at work there
@@ -223,6 +234,9 @@ Result<CaseSteps> CaseSteps::open(const fs::path& folder, const std::string& cas
                 "exists, and does not say where it comes from; --force replaces it");
   fs::create_directory(steps_of(folder), ec);
   if (ec) return cannot(folder, ec.message());
+  if (!is_own_folder(steps_of(folder)))
+    return fail(ErrorCode::kUsage, kWhat, steps_of(folder).string(),
+                "is a link; steps are kept in the case itself");
   GNATHION_CHECK_OK(make_private(steps_of(folder)));
   return CaseSteps(folder, case_id, force, clock, std::move(lock));
 }
@@ -321,6 +335,7 @@ Status CaseSteps::make(const StepSpec& spec, const Work& work, StepRecord& recor
     GNATHION_TRY(record.outputs, hash_outputs(part));
     GNATHION_CHECK_OK(write_json(part / kRecord, step_json(record)));
     GNATHION_CHECK_OK(make_private(part));
+    const InterruptsWait interrupts_wait;
     fs::remove_all(place, ec);
     fs::rename(part, place, ec);
     return ec ? Status(cannot(place, ec.message())) : Status();
@@ -381,6 +396,7 @@ Status CaseSteps::publish() {
   GNATHION_CHECK_OK(write_json(staging / "provenance.json", provenance_json(now)));
   if (fs::exists(results, ec)) GNATHION_CHECK_OK(keep_foreign(staging));
   GNATHION_CHECK_OK(make_private(staging));
+  const InterruptsWait interrupts_wait;
   if (!fs::exists(results, ec)) {
     fs::rename(staging, results, ec);
     return ec ? Status(cannot(results, ec.message())) : Status();

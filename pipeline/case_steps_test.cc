@@ -222,7 +222,10 @@ TEST_F(Steps, KilledAtAnyMomentItEndsWithTheSameBytes) {
   Random random(seed != nullptr ? std::strtoull(seed, nullptr, 10) : 5);
   ASSERT_TRUE(run("{}", false, 4));
   const auto reference = results();
+  const auto begun = std::chrono::steady_clock::now();
   ASSERT_TRUE(run("{\"old\":1}", true, 4));
+  const double whole_us =
+      std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - begun).count();
   const auto old = results();
   int kills = 0;
   const char* rounds = std::getenv("GNATHION_KILL_ROUNDS");
@@ -236,7 +239,7 @@ TEST_F(Steps, KilledAtAnyMomentItEndsWithTheSameBytes) {
         if (!r) std::fprintf(stderr, "%s\n", r.error().line().c_str());
         ::_exit(r ? 0 : 1);
       }
-      ::usleep(static_cast<useconds_t>(random.uniform(0, 60000)));
+      ::usleep(static_cast<useconds_t>(random.uniform(0, 1.2 * whole_us)));
       ::kill(pid, SIGKILL);
       int status = 0;
       ASSERT_EQ(::waitpid(pid, &status, 0), pid);

@@ -336,11 +336,10 @@ Status report(Run& run) {
                 {},
                 {{"position", "T_th.json"}, {"displacement", "displacement.json"}, {"design", "design.json"}},
                 json{{"case", run.r.case_id}}.dump()};
+  if (run.r.route == PositionRoute::kMeasured || run.cbct) spec.uses.emplace_back("frames", "frames.json");
   if (run.r.route == PositionRoute::kMeasured)
-    spec.uses.insert(spec.uses.end(), {{"track", "tracking.json"},
-                                       {"chain", "chain.json"},
-                                       {"frames", "frames.json"},
-                                       {"jaw_motion", "motion.csv"}});
+    spec.uses.insert(spec.uses.end(),
+                     {{"track", "tracking.json"}, {"chain", "chain.json"}, {"jaw_motion", "motion.csv"}});
   GNATHION_TRY(const fs::path out, run.steps.run(spec, [&](const fs::path& to, StepRecord& record) -> Status {
     return write_report(run.r, {steps / "design", steps / "displacement", steps / "jaw_motion"}, record, to);
   }));
@@ -354,7 +353,7 @@ Result<CaseResults> run_case(const CaseFile& files, const RunOptions& options, P
   GNATHION_TRY(const PositionRoute route, route_of(files));
   GNATHION_TRY(CaseSteps steps, CaseSteps::open(files.folder, files.id, options.force,
                                                 options.clock != nullptr ? *options.clock : system));
-  Run run{files, options, std::move(steps), progress, {}, {}};
+  Run run{files, options, std::move(steps), progress, {}, {}, {}};
   run.r.case_id = files.id;
   run.r.route = route;
   for (const fs::path& scan : {files.maxilla_mi, files.mandible_mi}) GNATHION_CHECK_OK(run.steps.know(scan));

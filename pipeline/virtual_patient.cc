@@ -8,6 +8,7 @@
 #include "core/transform_io.h"
 #include "occlusion/arch.h"
 #include "pipeline/cbct_steps.h"
+#include "pipeline/check_job.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -19,9 +20,18 @@ struct Jaws {
   TriangleMesh maxilla, mandible_mi;
 };
 
-Status write_found_joints(const Result<Joints>& joints, const fs::path& folder, VirtualPatient& found) {
-  if (!joints) {
-    found.notes.push_back("joints not checked: " + joints.error().line());
+/// Those that cannot be this patient's in MI are as good as not found.
+Status believable(const Joints& joints, const Jaws& jaws) {
+  GNATHION_TRY(RealizabilityChecker checker, RealizabilityChecker::create(jaws.maxilla, jaws.mandible_mi));
+  std::vector<std::string> notes;
+  return add_joints(joints, "joints", &checker, &notes);
+}
+
+Status write_found_joints(const Result<Joints>& joints, const Jaws& jaws, const fs::path& folder,
+                          VirtualPatient& found) {
+  const Status good = joints ? believable(*joints, jaws) : Status(tl::unexpected<Error>(joints.error()));
+  if (!good) {
+    found.notes.push_back("joints not checked: " + good.error().line());
     return {};
   }
   std::error_code ec;
@@ -70,7 +80,7 @@ Status look_in_volume(const CaseFile& files, const Jaws& jaws, const fs::path& f
   registered.file = std::move(file);
   registered.cbct_from_dental.rigid = crowns->fit.target_from_source;
   registered.covariance = crowns->fit.covariance;
-  return write_found_joints(joints_in_volume(registered, jaws.maxilla, jaws.mandible_mi, {}, progress),
+  return write_found_joints(joints_in_volume(registered, jaws.maxilla, jaws.mandible_mi, {}, progress), jaws,
                             folder, found);
 }
 
@@ -85,7 +95,7 @@ Status write_virtual_patient(const CaseFile& files, const fs::path& folder, Prog
   if (fs::is_directory(files.cbct, ec) && holds_joint_meshes(files.cbct)) {
     const auto joints = joints_from_cbct(files.cbct, jaws.maxilla, jaws.mandible_mi, {}, progress);
     if (!joints) return tl::unexpected<Error>(joints.error());
-    GNATHION_CHECK_OK(write_found_joints(joints, folder, found));
+    GNATHION_CHECK_OK(write_found_joints(joints, jaws, folder, found));
   } else {
     GNATHION_CHECK_OK(look_in_volume(files, jaws, folder, found, progress));
   }

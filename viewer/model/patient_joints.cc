@@ -12,18 +12,17 @@ constexpr const char* kViews[] = {"lateral", "frontal"};
 /// Joints and the volume they were found in, or the reason why not.
 Status find_joints(const CaseContent& c, PatientJoints* out, Progress& progress) {
   const TriangleMesh &maxilla = *c.mesh("maxilla_mi"), &mandible = *c.mesh("mandible_mi");
-  if (fs::is_directory(c.files.cbct) && holds_joint_meshes(c.files.cbct)) {
+  std::error_code ec;
+  if (fs::is_directory(c.files.cbct, ec) && holds_joint_meshes(c.files.cbct)) {
     GNATHION_TRY(out->joints, joints_from_cbct(c.files.cbct, maxilla, mandible, {}, progress));
     return {};
   }
-  CbctOptions options;
-  const fs::path pose = c.results() / "cbct_from_dental.json";
-  std::error_code ec;
-  if (fs::exists(pose, ec)) GNATHION_CHECK_OK(read_cbct_registration(pose, options));
-  GNATHION_TRY(RegisteredVolume volume,
-               registered_volume(c.files.cbct, maxilla, mandible, options, progress));
+  // Registered anew: a pose among the results may be of scans that were replaced since.
+  GNATHION_TRY(RegisteredVolume volume, registered_volume(c.files.cbct, maxilla, mandible, {}, progress));
   out->volume = std::make_unique<RegisteredVolume>(std::move(volume));
-  GNATHION_TRY(out->joints, joints_in_volume(*out->volume, maxilla, mandible, options, progress));
+  GNATHION_TRY(out->joints, joints_in_volume(*out->volume, maxilla, mandible, {}, progress));
+  const std::vector<std::string>& odd = out->volume->file.info.warnings;
+  out->notes.insert(out->notes.end(), odd.begin(), odd.end());
   return {};
 }
 
@@ -53,6 +52,7 @@ std::shared_ptr<RealizabilityChecker> jaws_checker(const CaseContent& c, Progres
   PatientFiles files;
   std::vector<std::string> notes;
   std::error_code ec;
+  files.motion = c.files.motion;
   if (fs::exists(c.results() / "motion.csv", ec)) files.motion = c.results() / "motion.csv";
   // Without its recording the jaw is judged all the same: the Motion step says what is wrong with the file.
   (void)add_knowledge(files, maxilla, mandible, &*checker, &notes, progress);
