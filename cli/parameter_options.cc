@@ -21,11 +21,14 @@ void add_parameter_options(CLI::App& command, ParameterOptions& o) {
 }
 
 void add_edit_options(CLI::App& command, ParameterOptions& o) {
-  command.add_option("--tooth", o.teeth,
-                     "corrects the teeth found: 16=missing, or 24=x,y,z (a point on it, mm); repeatable");
-  command.add_option("--margin", o.margins,
-                     "margin curve to trim at instead of the cutting plane: a text file, x y z (mm) a line; "
-                     "repeatable");
+  command.add_option(
+      "--tooth", o.teeth,
+      "corrects the teeth found: 16=missing, or 24=x,y,z (a point on it as its file has it, mm); "
+      "repeatable");
+  command.add_option(
+      "--margin", o.margins,
+      "margin curve to trim at instead of the cutting plane: a text file, x y z (mm, as the arch's "
+      "file has it) a line; repeatable");
   command.add_option("--label", o.label, "text to emboss where there is room");
   command
       .add_option(
@@ -77,7 +80,13 @@ Result<SplintEdits> effective_edits(const ParameterOptions& o, const SplintEdits
   if (!o.config.empty()) {
     GNATHION_TRY(const std::string text, read_file(o.config));
     GNATHION_TRY(SplintEdits drawn, parse_edits(text, o.config));
-    if (!drawn.empty()) edits = std::move(drawn);
+    // Kind by kind: a file with a label alone keeps the case's strokes.
+    if (!drawn.strokes.empty()) edits.strokes = std::move(drawn.strokes);
+    if (!drawn.cutouts.empty()) edits.cutouts = std::move(drawn.cutouts);
+    if (!drawn.contacts.empty()) edits.contacts = std::move(drawn.contacts);
+    if (!drawn.teeth.empty()) edits.teeth = std::move(drawn.teeth);
+    if (!drawn.margins.empty()) edits.margins = std::move(drawn.margins);
+    if (!drawn.label.empty()) edits.label = std::move(drawn.label);
   }
   for (const std::string& tooth : o.teeth) GNATHION_CHECK_OK(add_tooth_correction(edits.teeth, tooth));
   for (const std::string& path : o.margins) {
