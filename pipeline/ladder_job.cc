@@ -56,6 +56,8 @@ std::string rung_line(const std::string& name, const DesignOutcome& outcome) {
 
 Result<LadderOutcome> run_ladder(const DesignJob& job, const Ladder& ladder,
                                  const std::filesystem::path& folder, Progress& progress) {
+  if (!job.edits.label.empty())
+    return fail(ErrorCode::kUsage, kWhat, "--label", "each rung is labelled with its r and g: leave it out");
   const std::vector<double> engagements = ascending(ladder.engagement_mm), gaps = ascending(ladder.gap_mm);
   const std::size_t rungs = engagements.size() * gaps.size();
   if (rungs == 0 || rungs > kMostRungs)

@@ -111,6 +111,7 @@ expect 2 'wrong usage' "$gnathion" print prepare
 printf 'name = "p"\nspeed = 3\n' >"$work/printer.toml"
 expect 4 'speed: no such key' "$gnathion" print prepare --design "$work" --profile "$work/printer.toml" --out "$work/plate"
 expect 2 'gap_mm' "$gnathion" design ladder --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/ladder" --gap 0.9
+expect 2 'leave it out' "$gnathion" design ladder --quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/ladder" --label P1
 plain=(--quiet --maxilla "$box" --mandible "$box" --transform "$id" --out "$work/out")
 expect 2 '16=missing or 24=x,y,z' "$gnathion" design "${plain[@]}" --tooth 16
 expect 2 'fdi is not' "$gnathion" design "${plain[@]}" --tooth 99=missing
