@@ -127,8 +127,15 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
   if (!job.motion.empty()) GNATHION_CHECK_OK(add_excursions(job, in));
   GNATHION_CHECK_OK(add_knowledge_records(job.known, in));
   for (InputRecord& file : in.files) file.path = shown_as(file.path, job.shown_folder);
-  if (job.mandible_is_in_tp)
-    in.splint.mandible_mi = transformed(in.splint.therapeutic.rigid.inverse(), in.splint.mandible_mi);
+  if (job.mandible_is_in_tp) {  // and so is what was marked on it
+    const Rigid3 mi_from_tp = in.splint.therapeutic.rigid.inverse();
+    in.splint.mandible_mi = transformed(mi_from_tp, in.splint.mandible_mi);
+    for (ToothCorrections::Label& label : in.splint.edits.teeth.labels)
+      if (label.fdi > 30) label.at_mm = mi_from_tp * label.at_mm;
+    if (job.arch == Arch::kMandible)
+      for (MarginCurve& margin : in.splint.edits.margins)
+        for (Vector3& p : margin.points_mm) p = mi_from_tp * p;
+  }
   return in;
 }
 
