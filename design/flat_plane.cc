@@ -19,6 +19,8 @@ constexpr double kOverArchMm = 9.0;  // tips farther from the arch curve meet no
 constexpr double kSlabMm = 1.2;      // thickness that the sweep towards the gingiva starts from
 constexpr double kFreedomMm = 0.5;   // from a tip to the foot of its ramp: long centric
 constexpr double kTopMm = 1.0;       // level end of a ramp
+constexpr double kNarrowMm = 3.0;    // standard deviation of tips across their line: less leaves a tilt open
+constexpr double kMostTiltDeg = 10.0;
 constexpr double kCanineHalfMm = 3.0, kIncisorHalfMm = 2.8;
 
 /// The tip of every opposing tooth that stands over the splint's arch.
@@ -41,14 +43,33 @@ std::vector<FlatPlane::Tip> tips_of(const SplintInputs& inputs, const ArchFrame&
   return out;
 }
 
-/// Unit normal of the plane through points with least squared distance, on the side of `about`.
-Vector3 fitted_normal(const std::vector<Vector3>& points, const Vector3& about) {
+/// Unit normal of the plane through points with least squared distance, on the side of `about`. Refused where
+/// the points leave the tilt open.
+Result<Vector3> fitted_normal(const std::vector<FlatPlane::Tip>& bearing, const Vector3& about,
+                              const char* arch_name) {
+  const auto refuse = [&](const std::string& why) {
+    return bad_input("cannot design", arch_name, why + ": no fitted plane, take --kind flat");
+  };
+  bool right = false, left = false;
+  std::vector<Vector3> points;
+  for (const FlatPlane::Tip& tip : bearing) {
+    (fdi_side(tip.fdi) > 0.0 ? left : right) = true;
+    points.push_back(tip.p_mm);
+  }
+  if (!right || !left) return refuse("canines to molars stand over the splint on one side only");
   Vector3 mean = Vector3::Zero();
   for (const Vector3& p : points) mean += p / static_cast<double>(points.size());
   Matrix3 spread = Matrix3::Zero();
   for (const Vector3& p : points) spread += (p - mean) * (p - mean).transpose();
-  const Vector3 normal = Eigen::SelfAdjointEigenSolver<Matrix3>(spread).eigenvectors().col(0);
+  const Eigen::SelfAdjointEigenSolver<Matrix3> axes(spread);
+  if (axes.eigenvalues()(1) < kNarrowMm * kNarrowMm * static_cast<double>(points.size()))
+    return refuse("canines to molars over the splint stand nearly on a line");
+  const Vector3 normal = axes.eigenvectors().col(0);
   return normal.dot(about) < 0.0 ? Vector3(-normal) : normal;
+}
+
+double angle_deg(const Vector3& a, const Vector3& b) {
+  return std::acos(std::clamp(a.dot(b), -1.0, 1.0)) * 180.0 / M_PI;
 }
 
 }  // namespace
@@ -59,17 +80,30 @@ Result<FlatPlane> FlatPlane::fitted(const SplintInputs& inputs, const ArchFrame&
   FlatPlane out;
   out.normal_ = design_from_dental.rotation * arch.gingival(inputs.arch);
   out.tips_ = tips_of(inputs, arch, tp_from_mi * design_from_dental, out.normal_, level);
-  std::vector<Vector3> bearing;  // canines to molars
+  const char* const opposing_name = inputs.on_maxilla() ? "mandible" : "maxilla";
+  std::vector<Tip> bearing;  // canines to molars
   for (const Tip& tip : out.tips_)
-    if (fdi_position(tip.fdi) >= 3) bearing.push_back(tip.p_mm);
+    if (fdi_position(tip.fdi) >= 3) bearing.push_back(tip);
   if (bearing.size() < 3)
-    return bad_input("cannot design", inputs.on_maxilla() ? "mandible" : "maxilla",
+    return bad_input("cannot design", opposing_name,
                      "fewer than three canines, premolars and molars stand over the splint: no flat plane");
-  if (p.flat_plane > 1.5) out.normal_ = fitted_normal(bearing, out.normal_);
+  if (p.flat_plane > 1.5) {
+    GNATHION_TRY(const Vector3 fitted, fitted_normal(bearing, out.normal_, opposing_name));
+    // Between the occlusal planes of both arches any tilt is sound: T_th itself has turned one of them.
+    const double tilt_deg =
+        std::min(angle_deg(fitted, out.normal_), angle_deg(fitted, tp_from_mi.rotation * out.normal_));
+    if (tilt_deg > kMostTiltDeg)
+      return bad_input(
+          "cannot design", opposing_name,
+          fmt::format("its tips would tilt the plane {:.0f} degrees from the occlusal plane, more "
+                      "than {:.0f}: take --kind flat",
+                      tilt_deg, kMostTiltDeg));
+    out.normal_ = fitted;
+  }
   double highest = -1e300, lowest = 1e300;
-  for (const Vector3& tip : bearing) {
-    highest = std::max(highest, out.normal_.dot(tip));
-    lowest = std::min(lowest, out.normal_.dot(tip));
+  for (const Tip& tip : bearing) {
+    highest = std::max(highest, out.normal_.dot(tip.p_mm));
+    lowest = std::min(lowest, out.normal_.dot(tip.p_mm));
   }
   out.point_ = out.normal_ * std::max(lowest, highest - p.plane_indent_mm);
   for (Tip& tip : out.tips_) tip.into_mm = out.normal_.dot(tip.p_mm - out.point_);

@@ -35,7 +35,8 @@ class FlatPlane {
 
   /// The plane is parallel to the occlusal plane (flat_plane 1), or tilted to pass the tips of canines to
   /// molars with least squares (2). It lies so that no such tip goes deeper than plane_indent_mm, and all
-  /// touch where the tips allow it. Refused (kInput): fewer than three such tips over the splint.
+  /// touch where the tips allow it. Refused (kInput): fewer than three such tips over the splint; a tilt (2)
+  /// that tips on one side or nearly on a line leave open, or of more than 10 deg from both occlusal planes.
   static Result<FlatPlane> fitted(const SplintInputs& inputs, const ArchFrame& arch,
                                   const Rigid3& design_from_dental, const Rigid3& tp_from_mi,
                                   const OcclusalMap& level, const SplintParameters& p);
