@@ -75,11 +75,13 @@ json imprint_facts(const SplintVerification& v) {
                       {"area_mm2", place.area_mm2},
                       {"where_mm", point(place.where_mm)},
                       {"teeth", place.teeth}});
-  return {
-      {"avoidable_mm", v.imprint.avoidable_mm},  {"held_by_wall", places},
-      {"depth_mm", v.imprint.depth_mm},          {"where_mm", point(v.imprint.deepest_where_mm)},
-      {"undercut_mm", v.imprint.undercut_mm},    {"undercut_where_mm", point(v.imprint.undercut_where_mm)},
-      {"recorded_path", v.imprint.recorded_path}};
+  return {{"avoidable_mm", v.imprint.avoidable_mm},
+          {"held_by_wall", places},
+          {"depth_mm", v.imprint.depth_mm},
+          {"where_mm", point(v.imprint.deepest_where_mm)},
+          {"undercut_mm", v.imprint.undercut_mm},
+          {"undercut_where_mm", point(v.imprint.undercut_where_mm)},
+          {"opening_path", "straight along the occlusal normal"}};
 }
 
 json freedom_facts(const SplintVerification& v) {

@@ -96,9 +96,9 @@ struct SplintVerification {
     };
     std::vector<Place> held_by_wall;  ///< deeper than d since w is kept; the deepest first
     Vector3 deepest_where_mm = Vector3::Zero();
-    double undercut_mm = 0.0;  ///< how deep the arch runs into the splint when it opens
+    double undercut_mm =
+        0.0;  ///< how deep the arch runs into the splint as it opens along the occlusal normal
     Vector3 undercut_where_mm = Vector3::Zero();
-    bool recorded_path = false;  ///< opening as recorded; else along the occlusal normal
   } imprint;
   std::optional<BiteReadout> bite;  ///< nothing where an arch has no central incisor
   /// Where supports would have to stand when it is printed in the best direction.

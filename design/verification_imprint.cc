@@ -219,7 +219,6 @@ void verify_imprint(const FinishedSplint& splint, const Preparation& preparation
   out.imprint.undercut_mm = from_ours ? ours.depth_mm : theirs.depth_mm;
   out.imprint.undercut_where_mm =
       dental * (from_ours ? ours.start_mm : Vector3(theirs.start_mm - theirs.way_mm * up));
-  out.imprint.recorded_path = out.freedom.has_value();
 }
 
 }  // namespace gnathion
