@@ -250,15 +250,19 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
                        kStampTopFade * std::max(0.0, top + kStampTopMm);
   const double stamp = in.stamp + (prep_.flat ? 0.0 : faded);
   f.body = std::min(in.body, stamp);
-  if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, in.body_smoothed);
+  double smoothed = in.body_smoothed;
+  // Nothing but the wall over the cavity stands beyond a flat plane and its ramps, or what strokes add there.
+  if (prep_.flat) {
+    const double beyond = std::min(prep_.flat->beyond_mm(p), f.cavity - par_.wall_mm - kWallErrorMm);
+    f.body = std::max(f.body, beyond);
+    smoothed = std::max(smoothed, beyond);
+  }
+  if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, smoothed);
   // Beside the imprint nothing stands lower than d beyond the natural relief, but for the wall over the
   // cavity.
   if (!limit_.empty())
     f.body =
         std::max(f.body, std::min({limit_.below_mm(p), f.cavity - par_.wall_mm - kWallErrorMm, in.stamp}));
-  // Nothing but the wall over the cavity stands beyond a flat plane and its ramps.
-  if (prep_.flat)
-    f.body = std::max(f.body, std::min(prep_.flat->beyond_mm(p), f.cavity - par_.wall_mm - kWallErrorMm));
   if (label_) f.body = label_->raised_mm(p, f.body);
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
