@@ -207,6 +207,9 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
   sized.depth_mm = std::max(parameters.depth_mm, deepest_margin_mm(margins, p.design_from_dental, p.level));
   p.coarse = design_box(p.support.mesh(), p.level, p.tp_from_mi, sized, parameters.voxel_mm * p.refinement,
                         grid.room_mm);
+  if ((p.coarse.nodes.array() < 8).any() || (p.coarse.nodes.array() > 2000).any())
+    return bad_input("cannot design", inputs.on_maxilla() ? "maxilla" : "mandible",
+                     "no crowns found near the arch curve");
   p.margin = MarginSurface(margins, p.design_from_dental, p.coarse);
   p.label_texts = label_texts(inputs, parameters);
   p.flat.reset();
@@ -215,9 +218,6 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
                  FlatPlane::fitted(inputs, p.arch, p.design_from_dental, p.tp_from_mi, p.level, parameters));
     warn_of_room(p, parameters.wall_mm + parameters.gap_mm, p.warnings);
   }
-  if ((p.coarse.nodes.array() < 8).any() || (p.coarse.nodes.array() > 2000).any())
-    return bad_input("cannot design", inputs.on_maxilla() ? "maxilla" : "mandible",
-                     "no crowns found near the arch curve");
   return {};
 }
 
