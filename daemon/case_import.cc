@@ -11,6 +11,7 @@
 #include "core/utc.h"
 #include "daemon/jobs/child.h"
 #include "pipeline/case_folder.h"
+#include "pipeline/import_case.h"
 
 namespace gnathion::daemon {
 
@@ -18,7 +19,6 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr int kMostUploads = 2;
-constexpr std::ptrdiff_t kDeepestName = 3;
 
 /// A name, or a few of them with slashes, of which none is hidden, climbs or holds what is no text.
 bool is_plain(const std::string& name) {
@@ -27,7 +27,7 @@ bool is_plain(const std::string& name) {
   if (std::any_of(name.begin(), name.end(), [](unsigned char c) { return c < 32 || c == 127; })) return false;
   for (const fs::path& part : path)
     if (part.empty() || part.string().front() == '.' || part.string().size() > 200) return false;
-  return std::distance(path.begin(), path.end()) <= kDeepestName;
+  return std::distance(path.begin(), path.end()) <= kDeepestImportSource;
 }
 
 /// What the command says, without its own name and without this machine's folders.
@@ -143,7 +143,8 @@ ApiStatus Upload::begin_file(const std::string& name) {
   if (!is_plain(name))
     return refuse(
         ApiCode::kPermissionDenied,
-        "a file's name is a plain name, or a path of at most three, without '..' and nothing hidden");
+        fmt::format("a file's name is a plain name, or a path of at most {}, without '..' and nothing hidden",
+                    kDeepestImportSource));
   if (++files_ > kMostFiles)
     return refuse(ApiCode::kResourceExhausted,
                   fmt::format("more than {} files: send a case's alone", kMostFiles));

@@ -40,8 +40,10 @@ struct ImportSource {
   std::string name;
   std::filesystem::path path;
 };
+inline constexpr int kDeepestImportSource = 8;  ///< names with slashes between in ImportSource::name, at most
 /// What import_case(`from`) would read: a folder's plain files, a workspace with its meshes, a sequence with its data.
-/// Refused (kInput): what is not there, a workspace that cannot be read or whose meshes lie elsewhere.
+/// Each once. Refused (kInput): what is not there, a workspace that cannot be read or whose meshes lie elsewhere, are
+/// hidden, too deep, or named by absolute paths.
 Result<std::vector<ImportSource>> import_sources(const std::filesystem::path& from);
 
 /// CASE as NAME.dpw with its meshes beside it in NAME_files/: jaws by keyword, the lower one under a node

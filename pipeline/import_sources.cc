@@ -1,6 +1,10 @@
 // Which files an import reads: for those who must send them to where it runs.
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <cctype>
 #include <fstream>
+#include <iterator>
 #include <set>
 
 #include "core/file.h"
@@ -44,6 +48,32 @@ std::set<std::string> data_of_header(const fs::path& from) {
   return names;
 }
 
+/// `name`, as a file names it, below the folder that both lie in: "./a//b.stl" is "a/b.stl".
+Result<ImportSource> source_beside(const CaseRoot& folder, const std::string& name, const fs::path& from) {
+  const std::string beside = "; it must lie beside " + from.filename().string();
+  if (fs::path(name).is_absolute())
+    return bad_input(kWhat, name,
+                     "is an absolute path, which is lost where it is sent to: name it as seen from " +
+                         from.filename().string());
+  const auto path = folder.resolve(name);
+  if (!path) return bad_input(kWhat, name, path.error().why + beside);
+  std::error_code ec;
+  if (!fs::is_regular_file(*path, ec)) return bad_input(kWhat, name, "is not a file");
+  const fs::path below = path->lexically_relative(folder.path());
+  for (const fs::path& part : below)
+    if (part.string().front() == '.') return bad_input(kWhat, name, "is hidden: rename it to send it");
+  if (std::distance(below.begin(), below.end()) > kDeepestImportSource)
+    return bad_input(kWhat, name,
+                     fmt::format("lies more than {} folders deep: move it up", kDeepestImportSource - 1));
+  return ImportSource{below.generic_string(), *path};
+}
+
+std::string extension_of(const fs::path& path) {
+  std::string ext = path.extension().string();
+  for (char& c : ext) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return ext;
+}
+
 Result<std::vector<ImportSource>> plain_files_of(const fs::path& folder) {
   std::vector<ImportSource> all;
   std::error_code ec;
@@ -66,7 +96,7 @@ Result<std::vector<ImportSource>> import_sources(const fs::path& from) {
   std::error_code ec;
   if (!fs::exists(from, ec)) return bad_input(kWhat, from.string(), "does not exist");
   if (fs::is_directory(from, ec)) return plain_files_of(from);
-  const std::string ext = from.extension().string();
+  const std::string ext = extension_of(from);
   std::set<std::string> others;
   if (ext == ".dpw" || ext == ".atmdl") {
     GNATHION_TRY(others, meshes_of_workspace(from));
@@ -76,10 +106,9 @@ Result<std::vector<ImportSource>> import_sources(const fs::path& from) {
   std::vector<ImportSource> all = {{from.filename().string(), from}};
   GNATHION_TRY(const CaseRoot beside, CaseRoot::open(from.has_parent_path() ? from.parent_path() : "."));
   for (const std::string& name : others) {
-    const auto path = beside.resolve(name);
-    if (!path)
-      return bad_input(kWhat, name, path.error().why + "; it must lie beside " + from.filename().string());
-    all.push_back({name, *path});
+    GNATHION_TRY(const ImportSource source, source_beside(beside, name, from));
+    const auto same = [&](const ImportSource& s) { return s.name == source.name; };
+    if (std::none_of(all.begin(), all.end(), same)) all.push_back(source);
   }
   return all;
 }

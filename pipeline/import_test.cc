@@ -291,6 +291,13 @@ TEST_F(Import, WhatIsSentIsWhatIsRead) {
   EXPECT_EQ(names_of(root_ / "in"), "Kowalski_Upper.stl Kowalski_lower.stl ");
   ASSERT_TRUE(write_file(root_ / "w.dpw", "shell { label \"u\" file \"in/Kowalski_Upper.stl\" }\n"));
   EXPECT_EQ(names_of(root_ / "w.dpw"), "w.dpw in/Kowalski_Upper.stl ");
+  ASSERT_TRUE(write_file(root_ / "w.dpw",
+                         "shell { label \"u\" file \"./in//Kowalski_Upper.stl\" }\n"
+                         "shell { label \"v\" file \"in/Kowalski_Upper.stl\" }\n"));
+  EXPECT_EQ(names_of(root_ / "w.dpw"), "w.dpw in/Kowalski_Upper.stl ");
+  const std::string absolute = (root_ / "in" / "Kowalski_Upper.stl").string();
+  ASSERT_TRUE(write_file(root_ / "w.dpw", "shell { label \"u\" file \"" + absolute + "\" }\n"));
+  EXPECT_FALSE(import_sources(root_ / "w.dpw"));
   ASSERT_TRUE(write_file(root_ / "w.dpw", "shell { file \"../passwd\" }\n"));
   EXPECT_FALSE(import_sources(root_ / "w.dpw"));
   ASSERT_TRUE(write_file(root_ / "s.mhd", "NDims = 3\nElementDataFile = w.dpw\n"));
