@@ -213,13 +213,14 @@ class GrpcClient : public DaemonClient {
     *chunk.mutable_options() = import_request(options);
     bool goes = writer->Write(chunk);
     std::string block(std::size_t{256} << 10, '\0');
+    const auto unreadable = [&](const std::filesystem::path& file, const char* why) {
+      context.TryCancel();
+      (void)writer->Finish();
+      return bad_input(what, file.string(), why);
+    };
     for (const ImportedFile& file : files) {
       std::ifstream in(file.from, std::ios::binary);
-      if (!in) {
-        context.TryCancel();
-        (void)writer->Finish();
-        return bad_input(what, file.from.string(), "cannot be read");
-      }
+      if (!in) return unreadable(file.from, "cannot be read");
       chunk.Clear();
       chunk.set_name(file.name);
       goes = goes && writer->Write(chunk);
@@ -228,6 +229,7 @@ class GrpcClient : public DaemonClient {
         chunk.set_data(block.data(), static_cast<std::size_t>(in.gcount()));
         goes = writer->Write(chunk);
       }
+      if (in.bad()) return unreadable(file.from, "cannot be read to its end");
     }
     writer->WritesDone();
     GNATHION_CHECK_OK(status_of(writer->Finish(), what));

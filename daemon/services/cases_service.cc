@@ -22,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 constexpr std::size_t kChunk = 256 << 10;
 constexpr std::chrono::seconds kUploadStall{30};
+constexpr int kUploadStalls = 30;  ///< as many of these at most: a quarter of an hour for a whole upload
 
 void fill(api::CaseInfo& to, const CaseListing& from) {
   to.set_case_id(from.id);
@@ -47,15 +48,17 @@ ImportOrder order_of(const api::ImportCaseRequest& request) {
   return {request.case_id(), {request.role().begin(), request.role().end()}, request.trust_names()};
 }
 
-/// Ends a call whose client sends nothing for too long: it would keep others from their turn.
+/// Ends a call whose client sends nothing for too long, or goes on for `most` times as long: it would keep
+/// others from their turn.
 class StallGuard {
  public:
-  StallGuard(grpc::ServerContext& call, std::chrono::seconds limit)
-      : watcher_([this, &call, limit] {
+  StallGuard(grpc::ServerContext& call, std::chrono::seconds limit, int most)
+      : watcher_([this, &call, limit, most] {
           std::unique_lock lock(mutex_);
-          for (std::uint64_t seen = rounds_;; seen = rounds_) {
+          for (int period = 1;; ++period) {
+            const std::uint64_t seen = rounds_;
             if (changed_.wait_for(lock, limit, [&] { return over_; })) return;
-            if (rounds_ == seen) return call.TryCancel();
+            if (rounds_ == seen || period == most) return call.TryCancel();
           }
         }) {}
   ~StallGuard() {
@@ -242,9 +245,9 @@ grpc::Status CasesService::ImportFiles(grpc::ServerContext* call,
   api::ImportChunk chunk;
   std::optional<api::ImportCaseRequest> options;
   {
-    StallGuard guard(*call, kUploadStall);
+    StallGuard guard(*call, kUploadStall, kUploadStalls);
     while (reader->Read(&chunk)) {
-      guard.goes_on();
+      if (!chunk.name().empty() || !chunk.data().empty()) guard.goes_on();
       if (chunk.has_options() && !options) options = chunk.options();
       if (const ApiStatus may = may_import(); !may) return to_grpc(may.error());
       if (!chunk.name().empty())
