@@ -37,7 +37,11 @@ struct JobRunner::Job {
 struct JobRunner::Slot {
   std::string name;
   bool running = false;
-  std::optional<std::pair<Work, std::function<void()>>> waiting;
+  struct Asked {
+    Work work;
+    std::function<void()> done, lost;
+  };
+  std::optional<Asked> waiting;
 };
 
 JobRunner::JobRunner() : gui_(std::make_unique<QObject>()) {}
@@ -85,7 +89,8 @@ void JobRunner::run(const QString& name, Work work, std::function<void(bool)> do
   changed();
 }
 
-void JobRunner::run_latest(const std::string& slot_name, Work work, std::function<void()> done) {
+void JobRunner::run_latest(const std::string& slot_name, Work work, std::function<void()> done,
+                           std::function<void()> lost) {
   auto at = std::find_if(slots_.begin(), slots_.end(), [&](const auto& s) { return s->name == slot_name; });
   if (at == slots_.end()) {
     slots_.push_back(std::make_unique<Slot>());
@@ -94,22 +99,31 @@ void JobRunner::run_latest(const std::string& slot_name, Work work, std::functio
   }
   Slot* slot = at->get();
   if (slot->running) {
-    slot->waiting.emplace(std::move(work), std::move(done));
+    slot->waiting = Slot::Asked{std::move(work), std::move(done), std::move(lost)};
     return;
   }
   slot->running = true;
   auto job = std::make_shared<Job>();
   job->slot = slot_name;
   job->work = std::move(work);
-  job->done = [this, slot, done = std::move(done)](bool cancelled) {
+  const JobContext* context = &job->context;  // outlives the call of `done`
+  job->done = [this, slot, context, done = std::move(done), lost = std::move(lost)](bool without_result) {
     slot->running = false;
-    if (!cancelled && done) done();
+    if (!without_result && done) done();
+    if (without_result && !context->cancelled() && lost) lost();
     if (!slot->waiting || slot->running) return;
-    auto next = std::move(*slot->waiting);
+    Slot::Asked next = std::move(*slot->waiting);
     slot->waiting.reset();
-    run_latest(slot->name, std::move(next.first), std::move(next.second));
+    run_latest(slot->name, std::move(next.work), std::move(next.done), std::move(next.lost));
   };
   start(job);
+}
+
+void JobRunner::cancel_latest(const std::string& slot_name) {
+  for (const auto& slot : slots_)
+    if (slot->name == slot_name) slot->waiting.reset();
+  for (const auto& job : jobs_)
+    if (job->slot == slot_name) job->context.cancel_ = true;
 }
 
 void JobRunner::cancel_all() {

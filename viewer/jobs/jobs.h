@@ -54,8 +54,11 @@ class JobRunner {
   /// `work` runs on a thread; then `done(cancelled)` on the GUI thread. Exceptions of work become `failed`.
   void run(const QString& name, Work work, std::function<void(bool cancelled)> done);
   /// The newest asker of a `slot` wins: while one runs, only the last one given waits. For what follows a
-  /// mouse. `quiet`: not shown as a job.
-  void run_latest(const std::string& slot, Work work, std::function<void()> done);
+  /// mouse. Not shown as a job. `lost`, on the GUI thread: work ended by an exception, so `done` never comes.
+  void run_latest(const std::string& slot, Work work, std::function<void()> done,
+                  std::function<void()> lost = {});
+  /// What runs in the slot is asked to end, what waits is dropped: neither `done` nor `lost` comes.
+  void cancel_latest(const std::string& slot);
   void cancel_all();
   bool busy() const;       ///< a named job runs
   bool any() const;        ///< or anything else

@@ -188,6 +188,7 @@ void TransformPanel::opened() {
   where_mm_.clear();
   constraints_->setRowCount(0);
   films_->show_note(kNoCbct);
+  bench_.jobs.cancel_latest("joints");  // of the case before: seconds of every core
   const auto content = document().shared_content();
   const bool ready = content->arch.has_value();
   for (std::size_t k = 0; k < 6; ++k) sliders_[k]->setEnabled(ready), boxes_[k]->setEnabled(ready);
@@ -216,6 +217,10 @@ void TransformPanel::make_checkers() {
       "joints", [content, found](JobContext& context) { *found = find_patient_joints(*content, context); },
       [this, content, found] {
         if (document().shared_content() == content && *found) take_joints(*found);
+      },
+      [this, content] {
+        if (document().shared_content() == content)
+          films_->show_note("Joints not checked: finding them failed. Open the case again to try once more.");
       });
 }
 
