@@ -118,9 +118,19 @@ CoarseGrid swept_down(const CoarseGrid& f) {
   return out;
 }
 
-CoarseGrid sheared(const CoarseGrid& f, double sx, double sy) {
-  CoarseGrid out = f;
-  const GridShape& shape = f.shape();
+GridShape sheared_box(GridShape shape, double sx, double sy) {
+  const int top = shape.nodes.z() - 1;
+  for (int d = 0; d < 2; ++d) {
+    const double s = d == 0 ? sx : sy;
+    const int more = static_cast<int>(std::ceil(top * std::abs(s)));
+    shape.nodes[d] += more;
+    if (s > 0.0) shape.origin_mm[d] -= more * shape.spacing_mm;
+  }
+  return shape;
+}
+
+CoarseGrid sheared(const CoarseGrid& f, double sx, double sy, const GridShape& shape) {
+  CoarseGrid out(shape, 0.0f);
   parallel_each(shape.nodes.x(), [&](int i) {
     for (int j = 0; j < shape.nodes.y(); ++j)
       for (int k = 0; k < shape.nodes.z(); ++k)

@@ -66,9 +66,11 @@ CoarseGrid swept_up(const CoarseGrid& f, double slope = 0.0);
 /// min over z' ≥ z: swept away from the gingiva.
 CoarseGrid swept_down(const CoarseGrid& f);
 
-/// Layers moved across a: result(x, y, z) = f(x + sx·(z − z0), y + sy·(z − z0), z), z0 the lowest layer.
-/// Columns of the result run along (sx, sy, 1).
-CoarseGrid sheared(const CoarseGrid& f, double sx, double sy);
+/// Layers moved across a, sampled in `shape`, whose layers are those of f: result(x, y, z) =
+/// f(x + sx·(z − z0), y + sy·(z − z0), z), z0 the lowest layer. Columns of the result run along (sx, sy, 1).
+CoarseGrid sheared(const CoarseGrid& f, double sx, double sy, const GridShape& shape);
+/// The box that holds all of `shape` after that: the way back finds every node inside.
+GridShape sheared_box(GridShape shape, double sx, double sy);
 
 /// Solves |∇d| = 1 outwards from the nodes marked in `fixed` (fast sweeping, Zhao 2005); `d` holds their
 /// unsigned distances and `far_mm` elsewhere, which is where the solution ends.

@@ -19,10 +19,12 @@ constexpr double kFarMm = 14.0;                    // from the arch curve: outsi
 constexpr double kMarchMm = 0.3;
 constexpr double kRimMm = 0.4;       // between letters and the rim's rounding
 constexpr double kOpposingMm = 1.0;  // between wall and opposing arch
+constexpr double kClearMm = 0.5;     // between letters and it, where the samples saw too little
 constexpr double kAboveMm = 2.5;     // how far towards the opposing arch walls are looked at
 constexpr double kSteepest = 0.85;   // slope of the wall against a, and along the arch
 constexpr double kTextMarginMm = 0.4;
-constexpr double kSmileMm = 18.0;  // along the arch from the midline: seen when the patient smiles
+constexpr double kWallDepthMm = 0.8;  // about the wall: letters and what its samples are off
+constexpr double kSmileMm = 18.0;     // along the arch from the midline: seen when the patient smiles
 /// Behind the canines first, then anywhere; large letters first.
 constexpr std::pair<double, double> kTries[] = {{kSmileMm, 3.0}, {kSmileMm, 2.5}, {kSmileMm, 2.0},
                                                 {0.0, 3.0},      {0.0, 2.5},      {0.0, 2.0}};
@@ -148,6 +150,16 @@ Spot flattest(const Wall& wall, double width_mm, double height_mm, double front_
   return best;
 }
 
+/// How far the wall under the text stands out from the baseline or back from it.
+double leaning_mm(const Wall& wall, const Spot& spot, double height_mm) {
+  const int half = static_cast<int>(std::ceil((0.5 * height_mm + kTextMarginMm) / kStepZMm));
+  double most = 0.0;
+  for (int c = spot.first; c <= spot.last; ++c)
+    for (int r = spot.row - half; r <= spot.row + half; ++r)
+      most = std::max(most, (wall.place(c, r) - wall.place(c, spot.row)).head<2>().norm());
+  return most;
+}
+
 }  // namespace
 
 std::vector<std::string> label_texts(const SplintInputs& inputs, const SplintParameters& parameters) {
@@ -178,6 +190,7 @@ std::optional<Label> Label::placed(const std::string& text, const Preparation& p
     // Upright as the patient stands; z of the design frame leads to the gingiva.
     label.up_ = (preparation.design_from_dental.rotation * preparation.arch.up).z() > 0.0 ? 1.0 : -1.0;
     for (int c = spot.first; c <= spot.last; ++c) label.baseline_.push_back(walls[side].place(c, spot.row));
+    label.reach_mm_ = kWallDepthMm + leaning_mm(walls[side], spot, height);
     // From outside the text runs to the patient's left, from the palate to the right.
     if (!label.buccal_) std::reverse(label.baseline_.begin(), label.baseline_.end());
     double length = 0.0;
@@ -196,7 +209,7 @@ std::optional<Label> Label::placed(const std::string& text, const Preparation& p
   return std::nullopt;
 }
 
-double Label::raised_mm(const Vector3& p, double body_mm) const {
+double Label::raised_mm(const Vector3& p, double body_mm, double opposing_mm) const {
   if (body_mm < -0.5 || body_mm > kProudMm + 1.0) return body_mm;  // inside, or far: no letter comes near
   if ((p.array() < box_.min_mm.array()).any() || (p.array() > box_.max_mm.array()).any()) return body_mm;
   double least = 1e300, along = 0.0, height = 0.0;
@@ -209,10 +222,9 @@ double Label::raised_mm(const Vector3& p, double body_mm) const {
     along = along_mm_[i] + t * (along_mm_[i + 1] - along_mm_[i]);
     height = baseline_[i].z() + t * (baseline_[i + 1].z() - baseline_[i].z());
   }
-  constexpr double kSameWallMm = 3.0;
-  if (least > kSameWallMm * kSameWallMm) return body_mm;
+  if (least > reach_mm_ * reach_mm_) return body_mm;  // another wall
   const double letters = glyphs_->distance_mm(along, up_ * (p.z() - height) + 0.5 * glyphs_->height_mm());
-  return std::min(body_mm, std::max(letters, body_mm - kProudMm));
+  return std::min(body_mm, std::max({letters, body_mm - kProudMm, kClearMm - opposing_mm}));
 }
 
 }  // namespace gnathion

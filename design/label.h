@@ -34,8 +34,8 @@ class Label {
                                      const SplintParameters& parameters,
                                      const LabelSurroundings& surroundings);
 
-  /// The body with the letters on it.
-  double raised_mm(const Vector3& p_mm, double body_mm) const;
+  /// The body with the letters on it, which keep their distance from the opposing arch and its ways.
+  double raised_mm(const Vector3& p_mm, double body_mm, double opposing_mm) const;
 
   const std::string& text() const { return text_; }
   bool buccal() const { return buccal_; }
@@ -51,7 +51,8 @@ class Label {
   std::vector<Vector3> baseline_;  ///< on the wall, at half of the letters' height, in reading direction
   std::vector<double> along_mm_;   ///< of each of these, from the text's left end
   Vector3 centre_mm_ = Vector3::Zero();
-  Box box_;  ///< of all that can be raised
+  double reach_mm_ = 0.0;  ///< from the baseline, across z: the wall that bears the text, and no other
+  Box box_;                ///< of all that can be raised
 };
 
 }  // namespace gnathion

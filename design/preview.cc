@@ -100,6 +100,7 @@ Status SplintPreviewer::State::prepare_stage(const SplintInputs& inputs, const S
     sampled = {};  // of other jaws
     GNATHION_TRY(preparation, prepare(inputs, p, kGrid));
   }
+  preparation->label_texts.clear();  // too fine for these voxels, and its place takes time to find
   support = key;
   return {};
 }

@@ -122,9 +122,12 @@ void sample_opposing(const Preparation& prep, JawDistances& jaws) {
   // Down the opening path, which the seating direction may be tilted against: columns along it.
   const Vector3 up = opening_axes(prep).col(2);
   const double x = up.x() / up.z(), y = up.y() / up.z();
-  jaws.opposing_swept = std::hypot(x, y) < kUprightSlope
-                            ? looked_up(swept_down(jaws.opposing), steps)
-                            : sheared(looked_up(swept_down(sheared(jaws.opposing, x, y)), steps), -x, -y);
+  jaws.opposing_swept =
+      std::hypot(x, y) < kUprightSlope
+          ? looked_up(swept_down(jaws.opposing), steps)
+          : sheared(
+                looked_up(swept_down(sheared(jaws.opposing, x, y, sheared_box(prep.coarse, x, y))), steps),
+                -x, -y, prep.coarse);
 }
 
 }  // namespace
@@ -263,7 +266,7 @@ FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
   if (!limit_.empty())
     f.body =
         std::max(f.body, std::min({limit_.below_mm(p), f.cavity - par_.wall_mm - kWallErrorMm, in.stamp}));
-  if (label_) f.body = label_->raised_mm(p, f.body);
+  if (label_) f.body = label_->raised_mm(p, f.body, std::min({in.opposing, in.opposing_swept, in.free}));
   f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
   // The cutting surface, and the end behind the last teeth: their distal wall and no more.
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
