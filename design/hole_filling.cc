@@ -114,15 +114,20 @@ TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std:
       close_rim(solid, loop, away);
       continue;
     }
-    if (!fill_with_patch(solid, normals, loop)) {
+    const bool restored = fill_with_patch(solid, normals, loop);
+    if (!restored) {
       if (loop.size() <= kLargestExactLoop)
         fill_with_least_area(solid.vertices_mm, loop, solid.triangles);
       else
         fill_with_fan(solid, loop);
     }
     if (width_mm > 1.0 && filled)
-      filled->push_back(fmt::format("hole of {:.1f} mm filled at ({:.1f}, {:.1f}, {:.1f})", width_mm,
-                                    box.centre_mm().x(), box.centre_mm().y(), box.centre_mm().z()));
+      filled->push_back(fmt::format(
+          "hole of {:.1f} mm filled at ({:.1f}, {:.1f}, {:.1f}){}", width_mm, box.centre_mm().x(),
+          box.centre_mm().y(), box.centre_mm().z(),
+          restored || width_mm <= kUnsureHoleMm
+              ? ""
+              : ": the surface there was not restored, the cavity may reach into the tooth: scan it again"));
   }
   return solid;
 }

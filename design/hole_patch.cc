@@ -10,7 +10,6 @@ namespace gnathion {
 namespace {
 
 constexpr double kWidestMm = 5.0;     // beyond it nothing is known of the surface
-constexpr double kUnsureMm = 1.3;     // wider holes are filled on the safe side
 constexpr double kSafePart = 0.1;     // of the width
 constexpr double kSteepestCos = 0.2;  // of the surface about the hole to the hole's own plane
 constexpr double kMostBulge = 0.5;    // of the width
@@ -120,7 +119,7 @@ bool fill_with_patch(TriangleMesh& mesh, const std::vector<Vector3>& normals,
   const int rings = std::clamp(static_cast<int>(std::lround(static_cast<double>(n) / 6.0)), 2, 6);
   const auto height = [&](double x, double y, double chord, double rest) {
     double z = surface->dot(powers(x, y)) + rest;
-    if (width > kUnsureMm)
+    if (width > kUnsureHoleMm)
       z = std::max({z, chord, std::min(z + kSafePart * width, under_tangents(rim, rim_normals, x, y))});
     return z;
   };

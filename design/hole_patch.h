@@ -8,6 +8,8 @@
 
 namespace gnathion {
 
+constexpr double kUnsureHoleMm = 1.3;  // wider holes are filled on the safe side
+
 /// Fills the loop (of boundary vertices, oriented so that a triangle (v0, v1, new) fits its neighbours) with
 /// rings of vertices on the quadric that fits the surface about it: a cusp keeps its top. Holes wider than
 /// 1.3 mm, where the surface may do anything, get a tenth of their width more, but no more than the tangent
