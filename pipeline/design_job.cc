@@ -30,7 +30,7 @@ Result<InputRecord> record_of(const fs::path& path) {
 /// How reports name an input: relative to `folder` where it lies there, what a step of a case made as it is
 /// published, others by their name alone: a path tells of the machine and of who works on it.
 std::string shown_as(const fs::path& path, const fs::path& folder) {
-  if (folder.empty() || path.is_relative()) return path.string();
+  if (folder.empty()) return path.string();
   const fs::path inside = path.lexically_relative(folder);
   if (inside.empty() || *inside.begin() == "..") return path.filename().string();
   if (*inside.begin() != ".steps") return inside.string();
@@ -118,7 +118,6 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
     GNATHION_TRY(InputRecord record, record_of(path));
     in.files.push_back(std::move(record));
   }
-  if (!job.shown_transform.empty()) in.files.back().path = job.shown_transform.string();
   if (!job.occlusal_surface.empty()) {
     GNATHION_TRY(in.splint.occlusal_surface, read_mesh(job.occlusal_surface));
     GNATHION_TRY(InputRecord record, record_of(job.occlusal_surface));
@@ -127,6 +126,7 @@ Result<DesignInputs> read_design_inputs(const DesignJob& job) {
   if (!job.motion.empty()) GNATHION_CHECK_OK(add_excursions(job, in));
   GNATHION_CHECK_OK(add_knowledge_records(job.known, in));
   for (InputRecord& file : in.files) file.path = shown_as(file.path, job.shown_folder);
+  if (!job.shown_transform.empty()) in.files[2].path = job.shown_transform.string();
   if (job.mandible_is_in_tp) {  // and so is what was marked on it
     const Rigid3 mi_from_tp = in.splint.therapeutic.rigid.inverse();
     in.splint.mandible_mi = transformed(mi_from_tp, in.splint.mandible_mi);
