@@ -1,5 +1,7 @@
 #include "design/gates.h"
 
+#include <algorithm>
+
 namespace gnathion {
 namespace {
 
@@ -58,6 +60,12 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
   gates.push_back(at_least("contacts_right_mm2", v.contacts.right_area_mm2, 0.1, false));
   if (!flat) gates.push_back(at_least("contacts_kept_fraction", v.kept_fraction, 0.5, false));
   return gates;
+}
+
+Gate flat_tip_gate(const FlatPlane& plane, const SplintParameters& p) {
+  double deepest = 0.0;
+  for (const FlatPlane::Tip& tip : plane.tips()) deepest = std::max(deepest, tip.into_mm);
+  return at_most("flat_tip_depth_mm", deepest, p.plane_indent_mm + kFlatTipToleranceMm, false);
 }
 
 }  // namespace gnathion

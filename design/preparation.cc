@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "design/gates.h"
 #include "design/insertion.h"
 #include "design/label.h"
 #include "design/parallel.h"
@@ -194,6 +195,16 @@ void warn_of_room(const Preparation& p, double wall_mm, std::vector<std::string>
         least, wall_mm));
 }
 
+/// Tells which incisors the plane, laid for canines to molars, lets sink into wells.
+void warn_of_wells(const FlatPlane& plane, double indent_mm, std::vector<std::string>& warnings) {
+  for (const FlatPlane::Tip& tip : plane.tips())
+    if (tip.into_mm > indent_mm + kFlatTipToleranceMm)
+      warnings.push_back(
+          fmt::format("flat plane: tooth {} stands {:.1f} mm in it and is held in a well there: not flat, "
+                      "to be ground free",
+                      tip.fdi, tip.into_mm));
+}
+
 /// Coarse spacing and box; the voxel decides how many fine ones make a coarse one.
 Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, const PreparationGrid& grid,
                 Preparation& p) {
@@ -217,6 +228,7 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
     GNATHION_TRY(p.flat,
                  FlatPlane::fitted(inputs, p.arch, p.design_from_dental, p.tp_from_mi, p.level, parameters));
     warn_of_room(p, parameters.wall_mm + parameters.gap_mm, p.warnings);
+    warn_of_wells(*p.flat, parameters.plane_indent_mm, p.warnings);
   }
   return {};
 }

@@ -144,6 +144,7 @@ SplintVerification::Build best_build(const SplintSurface& splint, const Vector3&
 
 void judge(SplintDesign& design, double side_wall_p01_mm) {
   design.gates = splint_gates(design.verification, design.parameters, side_wall_p01_mm);
+  if (design.flat) design.gates.push_back(flat_tip_gate(*design.flat, design.parameters));
   for (const Gate& gate : design.gates)
     if (gate.blocks && !gate.pass) design.violated.push_back(gate.name);
   design.verdict = design.violated.empty() ? "pass" : "fail";
