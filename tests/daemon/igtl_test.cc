@@ -143,8 +143,9 @@ TEST_F(DaemonIgtl, MessagesDecodeToWhatWasSent) {
         EXPECT_NEAR(t.y(), 2, 1e-6);
         EXPECT_GT(poses->tools[0].reference_from_tool.rotation(1, 0), -1e-6);  // to the left, not mirrored
       }
-      if (const auto* mesh = std::get_if<TriangleMesh>(&*body))
+      if (const auto* mesh = std::get_if<TriangleMesh>(&*body)) {
         EXPECT_NEAR(signed_volume_mm3(*mesh), 1000.0 / 6, 1e-3);
+      }
       if (const auto* state = std::get_if<igtl::State>(&*body)) refused = refused || state->code == 5;
     }
     return kinds.size() == 5 && refused;
