@@ -150,7 +150,7 @@ Job plain(const v1::Job& from) {
 }
 
 JobKind plain(const v1::JobKind& from) {
-  constexpr std::array types = {"text", "number", "flag", "input", "output"};
+  constexpr std::array types = {"text", "number", "flag", "input", "output", "numbers"};
   JobKind to{from.name(), from.help(), {}};
   for (const v1::JobOption& option : from.option()) {
     const auto type = static_cast<std::size_t>(option.type());

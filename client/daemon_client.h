@@ -126,7 +126,7 @@ struct JobRequest {
   bool force = false;
 };
 struct JobOption {
-  std::string name, type;  ///< "text", "number", "flag", "input", "output"
+  std::string name, type;  ///< "text", "number", "numbers", "flag", "input", "output"
   bool required = false, repeated = false;
 };
 struct JobKind {

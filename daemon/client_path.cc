@@ -38,6 +38,29 @@ ApiResult<fs::path> path_in_case(const CaseRoot& root, const fs::path& case_fold
   return *resolved;
 }
 
+ApiResult<fs::path> output_in_case(const CaseRoot& root, const fs::path& case_folder,
+                                   const std::string& given) {
+  const auto known = path_in_case(root, case_folder, given, PathUse::kExisting);
+  if (!known && known.error().code == ApiCode::kPermissionDenied) return known;
+  // As far as there are folders, and the first that is not there, as any new path; the rest is names below
+  // it.
+  fs::path there, missing;
+  std::error_code ec;
+  for (const fs::path& part : fs::path(given))
+    if (part.empty() || part == ".")
+      continue;
+    else if (there.empty() || fs::is_directory(case_folder / there, ec))
+      there /= part;
+    else
+      missing /= part;
+  if (!missing.empty() && fs::exists(case_folder / there, ec))
+    return refuse(ApiCode::kInvalidArgument,
+                  fmt::format("'{}' is no folder: choose another", there.string()));
+  auto made = path_in_case(root, case_folder, there.string(), PathUse::kNew);
+  if (!made || missing.empty()) return made;
+  return *made / missing;
+}
+
 bool may_hold_identity(const fs::path& path) {
   const std::string name = path.filename().string();
   return name.empty() || name.front() == '.' || name.find("case.toml") != std::string::npos;

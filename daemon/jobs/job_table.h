@@ -7,7 +7,8 @@
 
 namespace gnathion::daemon {
 
-enum class OptionType { kText, kNumber, kFlag, kInput, kOutput };
+/// kNumbers: some numbers with spaces or commas between them, passed as an argument each.
+enum class OptionType { kText, kNumber, kNumbers, kFlag, kInput, kOutput };
 
 struct JobOption {
   std::string name;  ///< "maxilla", passed as --maxilla=VALUE

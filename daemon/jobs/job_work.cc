@@ -10,9 +10,11 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
 #include <optional>
 #include <regex>
 #include <set>
+#include <sstream>
 
 #include "daemon/client_path.h"
 #include "pipeline/case_file.h"
@@ -54,6 +56,8 @@ class PlanWriter {
         if (!is_number(value))
           return wrong(*plan_.kind, fmt::format("'{}' must be a number, not '{}'", option.name, value));
         break;
+      case OptionType::kNumbers:
+        return add_numbers(option, value);
       case OptionType::kFlag:
         if (value != "true" && value != "false")
           return wrong(*plan_.kind, fmt::format("'{}' must be true or false", option.name));
@@ -78,6 +82,20 @@ class PlanWriter {
       if (*in_case.begin() == kept) return true;
     return false;
   }
+  ApiStatus add_numbers(const JobOption& option, const std::string& value) {
+    std::string spaced = value;
+    std::replace(spaced.begin(), spaced.end(), ',', ' ');
+    std::istringstream words(spaced);
+    const std::vector<std::string> numbers{std::istream_iterator<std::string>(words), {}};
+    if (numbers.empty()) return wrong(*plan_.kind, fmt::format("'{}' is empty", option.name));
+    for (const std::string& number : numbers)
+      if (!is_number(number))
+        return wrong(*plan_.kind,
+                     fmt::format("'{}' must be numbers, as 1.5 2 3, not '{}'", option.name, value));
+    plan_.arguments.push_back("--" + option.name);
+    plan_.arguments.insert(plan_.arguments.end(), numbers.begin(), numbers.end());
+    return {};
+  }
   ApiStatus add_input(const JobOption& option, const std::string& value) {
     const auto path = path_in_case(root_, plan_.case_folder, value, PathUse::kExisting);
     if (!path) return tl::unexpected(path.error());
@@ -85,7 +103,7 @@ class PlanWriter {
     return {};
   }
   ApiStatus add_output(const JobOption& option, const std::string& value) {
-    const auto path = path_in_case(root_, plan_.case_folder, value, PathUse::kNew);
+    const auto path = output_in_case(root_, plan_.case_folder, value);
     if (!path) return tl::unexpected(path.error());
     if (keeps_the_case(path->lexically_relative(plan_.case_folder)))
       return wrong(*plan_.kind, fmt::format("'{}' is no name for an output: choose another", value));
@@ -210,6 +228,8 @@ Status publish(const JobPlan& plan) {
     std::error_code ec;
     for (const auto& entry : fs::directory_iterator(output.made, ec)) made.push_back(entry.path());
     std::sort(made.begin(), made.end());
+    fs::create_directories(output.final_place, ec);
+    if (ec) return fail(ErrorCode::kInternal, "cannot write", output.shown, ec.message());
     for (const fs::path& path : made) {
       const fs::path to = output.final_place / path.filename();
       if (!plan.force && fs::exists(fs::symlink_status(to, ec)))

@@ -26,6 +26,8 @@ api::JobOption::Type type_of(OptionType type) {
       return api::JobOption::INPUT;
     case OptionType::kOutput:
       return api::JobOption::OUTPUT;
+    case OptionType::kNumbers:
+      return api::JobOption::NUMBERS;
   }
   return api::JobOption::TEXT;
 }

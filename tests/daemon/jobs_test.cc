@@ -5,9 +5,12 @@
 
 #include <cstdio>
 #include <fstream>
+#include <iterator>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
+#include <sstream>
 
 #include "acquisition/recording.h"
 #include "core/file.h"
@@ -156,7 +159,7 @@ TEST_F(DaemonJobs, AJobIsFollowedCancelledKilledAndDone) {
                          {{"maxilla", "maxilla.ply"},
                           {"mandible", "mandible.ply"},
                           {"transform", "open.txt"},
-                          {"out", "check.json"}},
+                          {"out", "results/first/check.json"}},
                          false});
   ASSERT_TRUE(job);
   const auto early = client_->job_result(job->id);
@@ -165,7 +168,7 @@ TEST_F(DaemonJobs, AJobIsFollowedCancelledKilledAndDone) {
   EXPECT_EQ(wait_for(job->id).state, JobState::kDone);
   const auto result = client_->job_result(job->id);
   ASSERT_TRUE(result);
-  EXPECT_EQ(result->outputs, std::vector<std::string>{"check.json"});
+  EXPECT_EQ(result->outputs, std::vector<std::string>{"results/first/check.json"});
   EXPECT_TRUE(nlohmann::json::parse(result->json, nullptr, false).is_object());
   // One whose gate fails leaves its report: what was asked for cannot be, the jaws would go through each
   // other.
@@ -175,10 +178,69 @@ TEST_F(DaemonJobs, AJobIsFollowedCancelledKilledAndDone) {
   EXPECT_EQ(end.state, JobState::kGateFailed) << end.message;
   EXPECT_EQ(end.exit_code, 3);
   auto expected = before;
-  for (const char* name : {"check.json", "splint", "splint/design.json", "splint/feasibility.json"})
+  for (const char* name : {"results", "results/first", "results/first/check.json", "splint",
+                           "splint/design.json", "splint/feasibility.json"})
     expected.insert((case_folder() / name).string());
   EXPECT_EQ(files_in(case_folder()), expected);
   EXPECT_FALSE(client_->submit(design("open.txt")));  // exists
+}
+
+/// "--maxilla" of a command's help, but for what the daemon itself gives or cannot let a client give.
+std::set<std::string> options_of(const std::string& command, std::vector<std::string> words) {
+  words.insert(words.begin(), DaemonProcess::program());
+  words.push_back("--help");
+  std::string help;
+  EXPECT_EQ(run_program(words, &help), 0) << command;
+  std::set<std::string> names;
+  const std::regex option(R"((?:^|\n)  (?:-[a-z],)?--([a-z0-9-]+))");
+  for (std::sregex_iterator it(help.begin(), help.end(), option), end; it != end; ++it)
+    names.insert((*it)[1]);
+  for (const char* given : {"help", "json", "quiet", "force"}) names.erase(given);
+  // These name files in other ways than as one path, which the case cannot hold.
+  if (command == "calibrate rig")
+    names.erase("camera");  // NAME=FOLDER; a daemon's cameras come as a recording
+  if (command == "evaluate") names.erase("config"), names.erase("rows"), names.erase("printed");
+  if (command == "calibrate camera" || command == "calibrate rig")
+    names.erase("bow"), names.erase("head-frame");
+  return names;
+}
+
+TEST_F(DaemonJobs, WhatTheCommandsCanDoCanBeAsked) {
+  const auto kinds = client_->job_kinds();
+  ASSERT_TRUE(kinds) << kinds.error().line();
+  for (const client::JobKind& kind : *kinds) {
+    std::istringstream name(kind.name == "report" ? "run" : kind.name);
+    const std::vector<std::string> words{std::istream_iterator<std::string>(name), {}};
+    std::set<std::string> asked;
+    for (const client::JobOption& option : kind.options) asked.insert(option.name);
+    EXPECT_EQ(asked, options_of(kind.name, words)) << kind.name;
+  }
+}
+
+TEST_F(DaemonJobs, WhatCannotBeAskedIsRefusedByName) {
+  const auto refusal = [&](const char* name, const char* value) {
+    client::JobRequest request = design("open.txt");
+    std::ofstream(case_folder() / "open.txt") << "1 0 0 0\n0 1 0 0\n0 0 1 -2\n0 0 0 1\n";
+    for (const char* arch : {"maxilla.ply", "mandible.ply"}) std::ofstream(case_folder() / arch) << "ply\n";
+    request.values.emplace_back(name, value);
+    const auto job = client_->submit(request);
+    return job ? "accepted" : job.error().line();
+  };
+  EXPECT_THAT(refusal("condyle-left", "1 two 3"), HasSubstr("'condyle-left' must be numbers"));
+  EXPECT_THAT(refusal("bone-level", "high"), HasSubstr("'bone-level' must be a number"));
+  EXPECT_THAT(refusal("margin", "../other/margin.txt"), HasSubstr("leads out of the case"));
+  EXPECT_THAT(refusal("cbct", "volume.nrrd"), HasSubstr("volume.nrrd"));
+  EXPECT_THAT(refusal("voxel", "0.2"), HasSubstr("it has no option 'voxel'"));
+  const auto out = [&](const char* place) {
+    client::JobRequest request{"case-1", "track", {{"recording", "film.mcap"}, {"out", place}}, false};
+    const auto job = client_->submit(request);
+    return job ? "accepted" : job.error().line();
+  };
+  EXPECT_THAT(out("new/../../m.mcap"), HasSubstr("leads out of the case"));
+  EXPECT_THAT(out("film.mcap/m.mcap"), HasSubstr("'film.mcap' is no folder"));
+  EXPECT_THAT(out("new/.hidden/m.mcap"), HasSubstr("is no name for an output"));
+  EXPECT_THAT(out("recordings/new/m.mcap"), HasSubstr("is no name for an output"));
+  EXPECT_FALSE(fs::exists(case_folder() / "new"));
 }
 
 TEST_F(DaemonJobs, TheQueueIsBoundedAndAQueuedJobIsCancelledAtOnce) {
