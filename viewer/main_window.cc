@@ -18,6 +18,7 @@
 #include "viewer/panels/calibrate_panel.h"
 #include "viewer/panels/design_panel.h"
 #include "viewer/panels/evaluate_panel.h"
+#include "viewer/panels/jobs_list.h"
 #include "viewer/panels/motion_panel.h"
 #include "viewer/panels/transform_panel.h"
 #include "viewer/widgets/layer_panel.h"
@@ -77,6 +78,7 @@ void MainWindow::make_centre() {
   bench_ = std::make_unique<Workbench>(
       Workbench{document_,
                 jobs_,
+                daemon_jobs_,
                 *scene_,
                 *second_,
                 second_layers_,
@@ -89,6 +91,7 @@ void MainWindow::make_centre() {
                     second_->unlink_camera();
                 },
                 [this](const QString& line) { statusBar()->showMessage(line, 8000); },
+                [this] { reload(); },
                 {}});
   auto* pair = new QSplitter(Qt::Horizontal);
   pair->addWidget(scene_->widget());
@@ -144,7 +147,14 @@ void MainWindow::make_steps() {
     const int i = steps_->addTab(QString("%1  %2").arg(steps_->count() + 1).arg(step_name(panel->step())));
     steps_->setTabToolTip(i, QString("Ctrl+%1").arg(i + 1));
   }
-  columns_->addWidget(panels_);
+  auto* left = new QWidget;
+  left->setObjectName("leftColumn");
+  auto* column = new QVBoxLayout(left);
+  column->setContentsMargins(0, 0, 0, 0);
+  column->setSpacing(0);
+  column->addWidget(panels_, 1);
+  column->addWidget(new JobsList(daemon_jobs_));
+  columns_->addWidget(left);
   columns_->addWidget(centre_);
 }
 
@@ -237,6 +247,33 @@ void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
             .arg(first, broken > 1 ? QString(" (and %1 more, see the steps)").arg(broken - 1) : ""));
 }
 
+/// The folder has changed under the window, by a job: the same step, camera and layers, with what is there
+/// now.
+void MainWindow::reload() {
+  if (loading_ || !document_.is_open()) return;
+  loading_ = true;
+  auto content = std::make_shared<std::shared_ptr<const CaseContent>>();
+  jobs_.run_latest(
+      "open", [folder = document_.content().folder, content](JobContext&) { *content = load_case(folder); },
+      [this, content] {
+        loading_ = false;
+        if (!waiting_.empty()) return open(std::exchange(waiting_, {}));
+        const int step = step_;
+        keep_shown();
+        panel_of_[static_cast<std::size_t>(step)]->leave();
+        step_ = -1;
+        document_.refresh(*content);
+        put_patient_layers(document_);
+        go_to_step(step);
+      });
+}
+
+void MainWindow::keep_shown() {
+  std::map<std::string, bool> now;
+  for (const Layer& l : document_.layers().layers()) now[l.id] = l.visible;
+  shown_[static_cast<Step>(step_)] = std::move(now);
+}
+
 /// The strip is as high as its step wants it; a stack alone would take the highest of all.
 void MainWindow::fit_strip() {
   const QWidget* strip = step_ < 0 ? nullptr : panel_of_[static_cast<std::size_t>(step_)]->strip();
@@ -249,9 +286,7 @@ void MainWindow::fit_strip() {
 void MainWindow::go_to_step(int step) {
   if (step == step_ || step < 0) return;
   if (step_ >= 0) {
-    std::map<std::string, bool> now;
-    for (const Layer& l : document_.layers().layers()) now[l.id] = l.visible;
-    shown_[static_cast<Step>(step_)] = std::move(now);
+    keep_shown();
     panel_of_[static_cast<std::size_t>(step_)]->leave();
   }
   step_ = step;

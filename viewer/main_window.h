@@ -57,8 +57,10 @@ class MainWindow : public QMainWindow {
   void make_measuring(class QToolBar* bar);
   void make_status();
   void show_case(std::shared_ptr<const CaseContent> content);
+  void reload();
   void go_to_step(int step);
   void fit_strip();
+  void keep_shown();
   void apply_layers(Step step);
   void look(const QString& name);
   void start_section();
@@ -70,6 +72,7 @@ class MainWindow : public QMainWindow {
   WindowOptions options_;
   Document document_;
   JobRunner jobs_;
+  DaemonJobs daemon_jobs_{document_, jobs_};
   LayerModel second_layers_;
   std::unique_ptr<Scene3d> scene_, second_;
   std::unique_ptr<Workbench> bench_;

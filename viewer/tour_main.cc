@@ -1,4 +1,5 @@
 // viewer_tour CASE --pictures DIR: opens a case and takes the pictures of the handbook, step by step.
+// viewer_tour CASE --steps DIR: each step as it is when it is opened, for looking at.
 // viewer_tour CASE --bench: measures opening, frame rate and the longest pause of the window.
 #include <QVTKOpenGLNativeWidget.h>
 #include <vtkActor.h>
@@ -102,6 +103,18 @@ void take_pictures(MainWindow& w, const QString& folder) {
   settle(w);
   act(w, "view_upper_occlusal");
   take("viewer_evaluate");
+}
+
+/// Every step as it is when it is opened, and the list of keys: of cases with little or nothing in them, too.
+void take_steps(MainWindow& w, const QString& folder) {
+  constexpr const char* kNames[] = {"1_capture",        "2_motion", "3_calibrate",
+                                    "4_transformation", "5_design", "6_evaluate"};
+  for (int i = 0; i < 6; ++i) {
+    go(w, i);
+    w.grab().save(folder + "/" + kNames[i] + ".png");
+  }
+  act(w, "help");
+  w.grab().save(folder + "/7_keys.png");
 }
 
 struct Frames {
@@ -264,7 +277,7 @@ void measure(MainWindow& w) {
 
 int main(int argc, char** argv) {
   if (argc < 3) {
-    std::fputs("viewer_tour CASE --pictures DIR | --bench\n", stderr);
+    std::fputs("viewer_tour CASE --pictures DIR | --steps DIR | --bench\n", stderr);
     return 2;
   }
   QSurfaceFormat format = QVTKOpenGLNativeWidget::defaultFormat();
@@ -277,6 +290,8 @@ int main(int argc, char** argv) {
   if (!gnathion::wait([&] { return !window.loading() && window.open_s() > 0; })) return 1;
   if (std::string(argv[2]) == "--bench")
     gnathion::measure(window);
+  else if (argc > 3 && std::string(argv[2]) == "--steps")
+    gnathion::take_steps(window, argv[3]);
   else if (argc > 3)
     gnathion::take_pictures(window, argv[3]);
   return 0;

@@ -6,15 +6,20 @@
 #include <QApplication>
 #include <QLabel>
 #include <QListWidget>
+#include <QProgressBar>
 #include <QPushButton>
 #include <QSurfaceFormat>
 #include <QTabBar>
 #include <QTableWidget>
 #include <QTest>
 
+#include <nlohmann/json.hpp>
+
 #include "core/camera_model.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
+#include "core/time.h"
+#include "core/transform_io.h"
 #include "phantom/patient.h"
 #include "tests/daemon/daemon_process.h"
 #include "viewer/main_window.h"
@@ -59,6 +64,78 @@ int pixels_like(const QImage& image, const QColor& wanted) {
            60;
     }
   return n;
+}
+
+/// A design's job: followed, cancelled, lost with its daemon, found again, and opened when it is done.
+TEST(ViewerLive, JobsOfTheDaemonAreFollowedCancelledAndOpened) {
+  const TemporaryFolder folder;
+  DaemonProcess daemon(folder.path());
+  const fs::path home = daemon.cases() / "case-live";
+  write_case(home);
+  ASSERT_TRUE(
+      write_json(home / "viewer.json",
+                 {{"kind", "viewer"},
+                  {"therapeutic", motion_json(Motion<Dental>(Rigid3{Matrix3::Identity(), {0, 0.8, -2}}),
+                                              std::nullopt, {{"from", "sliders"}})},
+                  {"parameters", {{"voxel_mm", 0.25}}}}));
+  ASSERT_TRUE(daemon.start()) << daemon.log();
+  WindowOptions options;
+  options.socket = daemon.socket();
+  options.connect = [](const std::string& socket) { return client::DaemonClient::connect(socket); };
+  MainWindow window(options);
+  window.show();
+  ASSERT_TRUE(QTest::qWaitForWindowExposed(&window));
+  window.open(home);
+  const auto click = [](QWidget* w) { QTest::mouseClick(w, Qt::LeftButton, {}, w->rect().center()); };
+  auto* build = window.findChild<QPushButton*>("buildSplint");
+  auto* jobs = window.findChild<QTableWidget*>("jobsTable");
+  auto* message = window.findChild<QLabel*>("messageText");
+  auto* tabs = window.findChild<QTabBar*>("steps");
+  const auto state = [&](int row) {
+    return row < jobs->rowCount() ? jobs->item(row, 1)->text() : QString("none");
+  };
+  ASSERT_TRUE(wait([&] { return build->text().contains("daemon"); }))
+      << "the case is not known as the daemon's";
+  QTest::mouseClick(tabs, Qt::LeftButton, {}, tabs->tabRect(4).center());
+
+  click(build);
+  EXPECT_FALSE(build->isEnabled());
+  ASSERT_TRUE(wait([&] {
+    const auto* bar = qobject_cast<QProgressBar*>(jobs->cellWidget(0, 2));
+    return state(0) == "runs" && bar && bar->value() > 0;
+  })) << message->text().toStdString();
+  EXPECT_FALSE(window.findChild<QLabel*>("jobMessage")->text().isEmpty()) << "no step is told";
+  if (const char* keep = std::getenv("GNATHION_PICTURES"))
+    window.grab().save(QString(keep) + "/viewer_jobs.png");
+  const Stopwatch since_cancel;
+  click(window.findChild<QPushButton*>("cancelBuild"));
+  EXPECT_TRUE(wait([&] { return state(0).contains("cancelled"); })) << state(0).toStdString();
+  std::printf("cancelled after %.0f ms\n", 1e3 * since_cancel.seconds());
+  EXPECT_FALSE(fs::exists(home / "designs" / "design_001"));
+  EXPECT_TRUE(build->isEnabled());
+
+  // The daemon goes away under a job, and comes back without it.
+  click(build);
+  ASSERT_TRUE(wait([&] { return state(0) == "runs"; }));
+  daemon.kill_and_wait();
+  EXPECT_TRUE(wait([&] { return state(0).contains("daemon away"); })) << state(0).toStdString();
+  ASSERT_TRUE(daemon.start()) << daemon.log();
+  EXPECT_TRUE(wait([&] { return state(0).contains("failed"); })) << state(0).toStdString();
+  EXPECT_TRUE(message->text().contains("start it again")) << message->text().toStdString();
+  ASSERT_TRUE(wait([&] { return build->isEnabled() && build->text().contains("daemon"); }));
+
+  // What ends well is shown without asking.
+  tabs->setCurrentIndex(3);
+  click(window.findChild<QPushButton*>("daemonCheck"));
+  EXPECT_TRUE(wait([&] { return message->text().contains("Checked by the daemon"); }))
+      << message->text().toStdString();
+  tabs->setCurrentIndex(4);
+  click(build);
+  auto* gates = window.findChild<QTableWidget*>("gateTable");
+  EXPECT_TRUE(wait([&] { return gates->rowCount() > 5 && window.document().layers().find("splint"); }))
+      << message->text().toStdString();
+  EXPECT_TRUE(fs::exists(home / "designs" / "design_001" / "design.json"));
+  EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
 }
 
 TEST(ViewerLive, CapturesATakeAndFindsTheDaemonAgain) {

@@ -25,6 +25,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "acquisition/pose_recording.h"
 #include "calibration/frames_graph_json.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
@@ -71,6 +72,7 @@ class ViewerTest : public ::testing::Test {
         {"name":"wall_min_mm","value":0.3,"limit":0.5,"pass":false,"blocks":true}],
         "thickness_mm":{"min":0.3,"where_mm":[20,8,-2]},"mesh":{"volume_mm3":1500.0},"apertures":[]})"));
     ASSERT_TRUE(write_motion_csv(folder_ / "results" / "motion.csv", motion()));
+    ASSERT_TRUE(write_poses(folder_ / "results" / "motion.mcap", poses(), {}));
     FramesGraph graph({{0, 0, 0}, {25, 40, 0}, {-25, 40, 0}});
     for (const char* to : {"dental", "camera"}) {
       FrameEdge e;
@@ -106,6 +108,23 @@ class ViewerTest : public ::testing::Test {
       m.rows.push_back(row);
     }
     return m;
+  }
+  /// The same as the cameras would have seen it: the head rests, the bow goes with the jaw.
+  static PoseRecording poses() {
+    PoseRecording out;
+    std::uint32_t sequence = 0;
+    for (const JawMotionRow& row : motion().rows)
+      for (const bool bow : {true, false}) {
+        PoseRecord r;
+        r.sequence = bow ? sequence++ : sequence - 1;
+        r.capture = HostTime{static_cast<std::int64_t>(row.time_s * 1e9)};
+        r.valid = row.valid;
+        r.reason = row.reason;
+        if (bow) r.camera_from_body = row.motion;
+        r.covariance = Matrix6::Identity() * 1e-8;
+        out.bodies[bow ? "bow" : "head_frame"].push_back(r);
+      }
+    return out;
   }
   static TriangleMesh bar() {
     TriangleMesh m;
@@ -372,6 +391,17 @@ TEST_F(ViewerTest, MotionIsScrubbedAndPicked) {
   h.click("pickTp");
   const Rigid3 picked = *h.window.document().state().therapeutic;
   EXPECT_LT((picked.matrix() - opening(0.06).matrix()).norm(), 1e-4) << "T_th is not the picked rest";
+  // A rest that was found is chosen by one click on its bar: the same position.
+  QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier);
+  EXPECT_TRUE(h.wait([&] { return timeline->rests().size() >= 2; })) << "no rests are found";
+  const QPoint bar(static_cast<int>(timeline->x_of(6.3)), static_cast<int>(timeline->rest_bar_y()));
+  QTest::mouseClick(timeline, Qt::LeftButton, {}, bar);
+  ASSERT_TRUE(timeline->selection());
+  EXPECT_NEAR(timeline->selection()->first, 5.0, 0.15);
+  EXPECT_NEAR(timeline->selection()->second, 7.0, 0.15);
+  EXPECT_NEAR(timeline->time_s(), 6.0, 0.15) << "the jaw does not go there";
+  h.click("pickTp");
+  EXPECT_LT((h.window.document().state().therapeutic->matrix() - opening(0.06).matrix()).norm(), 1e-4);
   EXPECT_FALSE(h.find<ProfilePlot>("posselt")->curves().empty());
   h.click("contactsBox");
   EXPECT_TRUE(h.wait([&] { return h.window.document().layers().find("mandible_live")->colors != nullptr; }));
@@ -431,6 +461,92 @@ TEST_F(ViewerTest, StrokesAreDrawnOnTheSplintAndUndone) {
   EXPECT_TRUE(h.window.document().state().edits.empty());
   QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier | Qt::ShiftModifier);
   EXPECT_EQ(h.window.document().state().edits.strokes.size(), 1u);
+}
+
+TEST_F(ViewerTest, MarginIsDrawnOnTheCrownsAndUndone) {
+  Hands h(folder_);
+  const ArchFrame& arch = *h.window.document().content().arch;
+  h.tool("view_left");
+  auto* tabs = h.find<QTabWidget>("designTabs");
+  QTest::mouseClick(tabs->tabBar(), Qt::LeftButton, {}, tabs->tabBar()->tabRect(2).center());
+  h.click("drawMargin");
+  h.settle();
+  const auto& layers = h.window.document().layers();
+  EXPECT_TRUE(layers.shows("maxilla"));
+  EXPECT_FALSE(layers.shows("splint") || layers.shows("mandible_tp")) << "they would lie over the crowns";
+  const QImage before = h.picture();
+  QWidget* scene = h.window.scene().widget();
+  const auto& margins = h.window.document().state().edits.margins;
+  // Along the left buccal side, some millimetres above the cusps.
+  const ArchRuler ruler(arch);
+  const auto click_at = [&](double s_mm) {
+    const auto px = h.window.scene().project(ruler.at(s_mm) + 4.0 * ruler.outward(s_mm) + 3.5 * arch.up);
+    ASSERT_TRUE(px);
+    QTest::mouseClick(scene, Qt::LeftButton, {}, px->toPoint());
+  };
+  const double s = 0.5 * ruler.s_max_mm();
+  for (int i = 0; i < 4; ++i) click_at(s + 6.0 * i);
+  ASSERT_EQ(margins.size(), 1u);
+  ASSERT_EQ(margins[0].points_mm.size(), 4u);
+  const auto surface = h.window.scene().surface("maxilla");
+  for (const Vector3& p : margins[0].points_mm)
+    EXPECT_LT((surface->closest(p, 5.0)->point_mm - p).norm(), 0.01) << "not on the crowns";
+  const QImage drawn = h.picture();
+  const Difference line = difference(drawn, before);
+  EXPECT_GT(line.pixels, 250) << "the margin is not to be seen";
+  EXPECT_GT(line.blue, line.red + 40) << "the margin is not blue";
+  if (const char* keep = std::getenv("GNATHION_PICTURES")) h.whole().save(QString(keep) + "/margin.png");
+
+  // A point between two others, by a click on the line; then it is dragged, and taken away.
+  const auto first = *h.window.scene().project(margins[0].points_mm[0]);
+  const auto second = *h.window.scene().project(margins[0].points_mm[1]);
+  QTest::mouseClick(scene, Qt::LeftButton, {}, (0.5 * (first + second)).toPoint());
+  ASSERT_EQ(margins[0].points_mm.size(), 5u) << "a click on the line puts no point in";
+  const Vector3 placed = margins[0].points_mm[1];
+  const auto at = h.window.scene().project(placed)->toPoint();
+  h.drag(scene, at, at + QPoint(0, -12));
+  ASSERT_EQ(margins[0].points_mm.size(), 5u);
+  EXPECT_GT(arch.up.dot(margins[0].points_mm[1] - placed), 0.3) << "dragging a point up does not move it up";
+  const auto undo = [&] { QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier); };
+  undo();
+  EXPECT_LT((margins[0].points_mm[1] - placed).norm(), 1e-9) << "a drag is not one step of undo";
+  QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier | Qt::ShiftModifier);
+  QTest::keyClick(&h.window, Qt::Key_Delete);
+  EXPECT_EQ(margins[0].points_mm.size(), 4u) << "Delete leaves the chosen point";
+  // Another curve, and all of it undone.
+  QTest::keyClick(&h.window, Qt::Key_Return);
+  click_at(s + 20.0);
+  click_at(s + 24.0);
+  EXPECT_EQ(margins.size(), 2u) << "Enter does not begin another curve";
+  undo();
+  ASSERT_EQ(margins.size(), 1u);
+
+  // The preview ends at the curve: what it had beyond goes, or comes.
+  QTest::keyClick(&h.window, Qt::Key_Escape);
+  EXPECT_TRUE(layers.shows("splint") && layers.shows("mandible_tp")) << "what was hidden does not come back";
+  const auto preview = [&] { return layers.find("preview"); };
+  h.click("previewBox");
+  ASSERT_TRUE(h.wait([&] { return preview() != nullptr; }))
+      << h.find<QLabel>("previewNote")->text().toStdString();
+  const auto with_margin = preview()->mesh;
+  h.click("removeMargin");
+  ASSERT_TRUE(h.wait([&] { return preview()->mesh != with_margin; }));
+  const auto highest = [&](const TriangleMesh& m) {
+    double top = -1e9;
+    for (const Vector3& p : m.vertices_mm)
+      if ((p - ruler.at(s + 9.0)).cross(arch.up).norm() < 6.0) top = std::max(top, arch.up.dot(p));
+    return top;
+  };
+  EXPECT_GT(std::abs(highest(*with_margin) - highest(*preview()->mesh)), 0.3)
+      << "the preview knows no margin";
+  undo();
+  h.window.document().save();
+  const auto saved = read_json(folder_ / "viewer.json");
+  ASSERT_TRUE(saved);
+  const auto edits = parse_edits((*saved)["edits_toml"].get<std::string>(), "viewer.json");
+  ASSERT_TRUE(edits) << edits.error().line();
+  ASSERT_EQ(edits->margins.size(), 1u) << "the margin is not kept";
+  EXPECT_LT((edits->margins[0].points_mm[0] - margins[0].points_mm[0]).norm(), 1e-3);
 }
 
 TEST_F(ViewerTest, BuildsInTheBackgroundOrIsCancelled) {

@@ -13,6 +13,7 @@
 #include "pipeline/frames_steps.h"
 #include "pipeline/motion_steps.h"
 #include "pipeline/toml_file.h"
+#include "viewer/model/daemon_requests.h"
 
 namespace gnathion {
 namespace fs = std::filesystem;
@@ -116,8 +117,17 @@ void read_surfaces(CaseContent& c) {
   }
 }
 
-SharedJson read_report(CaseContent& c, const char* file, Step step, const char* what, const char* remedy) {
-  const fs::path path = c.results() / file;
+/// Of the results, or of a job that ended later.
+fs::path newest(const CaseContent& c, const char* file, const char* stem, const char* extension) {
+  const fs::path result = c.results() / file, job = newest_job_output(c.folder, stem, extension);
+  std::error_code none;
+  const bool later = !job.empty() && (!is_there(result) ||
+                                      fs::last_write_time(job, none) > fs::last_write_time(result, none));
+  return later ? job : result;
+}
+
+SharedJson read_report(CaseContent& c, const fs::path& path, Step step, const char* what,
+                       const char* remedy) {
   if (!is_there(path)) {
     if (*remedy) c.absences.push_back({step, what, remedy, false});
     return nullptr;
@@ -125,7 +135,7 @@ SharedJson read_report(CaseContent& c, const char* file, Step step, const char* 
   Result<nlohmann::json> j = read_json(path);
   if (j && j->is_object()) return std::make_shared<const nlohmann::json>(std::move(*j));
   c.absences.push_back(
-      {step, what, std::string(file) + (j ? ": not an object" : ": " + j.error().why), true});
+      {step, what, path.filename().string() + (j ? ": not an object" : ": " + j.error().why), true});
   return nullptr;
 }
 
@@ -143,7 +153,8 @@ std::optional<MotionFile> read_transform(CaseContent& c, const char* file, const
 }
 
 void read_motion_of_jaw(CaseContent& c) {
-  const fs::path csv = c.results() / "motion.csv", mcap = c.results() / "motion.mcap";
+  const fs::path csv = c.results() / "motion.csv";
+  const fs::path mcap = newest(c, "motion.mcap", "track", ".mcap");
   if (!is_there(csv)) {
     const char* remedy = is_there(c.files.recording) ? "track the recording: 'gnathion run'"
                                                      : "record a session in Capture first";
@@ -156,13 +167,13 @@ void read_motion_of_jaw(CaseContent& c) {
   if (!is_there(mcap)) return;
   const Result<PoseRecording> poses = read_poses(mcap);
   if (!poses) {
-    c.absences.push_back({Step::kMotion, "motion.mcap", poses.error().why, true});
+    c.absences.push_back({Step::kMotion, mcap.filename().string(), poses.error().why, true});
     return;
   }
   if (Result<SessionMotion> session = to_session_motion(*poses, mcap.string()))
     c.session = std::make_shared<const SessionMotion>(std::move(*session));
   else
-    c.absences.push_back({Step::kMotion, "motion.mcap", session.error().why, true});
+    c.absences.push_back({Step::kMotion, mcap.filename().string(), session.error().why, true});
 }
 
 void read_frames(CaseContent& c) {
@@ -206,11 +217,13 @@ std::shared_ptr<const CaseContent> load_case(const fs::path& folder) {
   c.therapeutic = read_transform(c, "T_th.json", "set it below, or find it with 'gnathion run'");
   c.by_camera = read_transform(c, "T_th_camera.json", "");
   c.by_faces = read_transform(c, "T_th_faces.json", "");
-  c.chain = read_report(c, "chain.json", Step::kCalibrate, "Chain of calibration",
-                        "'gnathion run' solves it from the scans");
-  c.feasibility = read_report(c, "feasibility.json", Step::kTransformation, "Feasibility", "");
-  c.design = read_report(c, "design.json", Step::kDesign, "Gates", "a full build measures them");
-  c.displacement = read_report(c, "displacement.json", Step::kTransformation, "Displacement", "");
+  c.chain = read_report(c, newest(c, "chain.json", "chain", ".json"), Step::kCalibrate,
+                        "Chain of calibration", "'gnathion run' solves it from the scans");
+  c.feasibility = read_report(c, c.results() / "feasibility.json", Step::kTransformation, "Feasibility", "");
+  c.design =
+      read_report(c, c.results() / "design.json", Step::kDesign, "Gates", "a full build measures them");
+  c.displacement =
+      read_report(c, c.results() / "displacement.json", Step::kTransformation, "Displacement", "");
   read_frames(c);
   if (is_there(folder / "evaluation.toml"))
     c.evaluation = folder / "evaluation.toml";

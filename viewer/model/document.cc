@@ -5,6 +5,11 @@
 #include <nlohmann/json.hpp>
 
 namespace gnathion {
+namespace {
+
+constexpr const char* kMeasured = "results/T_th.json";
+
+}  // namespace
 
 class Document::ChangeCommand : public QUndoCommand {
  public:
@@ -50,7 +55,7 @@ void Document::open(std::shared_ptr<const CaseContent> content) {
   state_.edits = content_->files.edits;
   if (content_->therapeutic) {
     state_.therapeutic = content_->therapeutic->motion.rigid;
-    state_.therapeutic_source = "results/T_th.json";
+    state_.therapeutic_source = kMeasured;
   }
   const std::filesystem::path last = content_->folder / "viewer.json";
   std::error_code ec;
@@ -68,6 +73,18 @@ void Document::open(std::shared_ptr<const CaseContent> content) {
   opened();
   state_changed();
   if (!trouble.isEmpty()) report(trouble);
+}
+
+void Document::refresh(std::shared_ptr<const CaseContent> content) {
+  content_ = std::move(content);
+  const bool measured = !state_.therapeutic || state_.therapeutic_source == kMeasured;
+  if (measured && content_->therapeutic) {
+    state_.therapeutic = content_->therapeutic->motion.rigid;
+    state_.therapeutic_source = kMeasured;
+  }
+  layers_.clear();
+  opened();
+  state_changed();
 }
 
 void Document::change(const QString& text, const std::function<void(SessionState&)>& mutate, int merge) {

@@ -23,6 +23,9 @@ class Document {
 
   /// Takes a loaded case; the last session's decisions (CASE/viewer.json) come back.
   void open(std::shared_ptr<const CaseContent> content);
+  /// The same folder read anew: decisions, undo and saving go on. A T_th that came from the results follows
+  /// them.
+  void refresh(std::shared_ptr<const CaseContent> content);
   bool is_open() const { return content_ != nullptr; }
   const CaseContent& content() const { return *content_; }
   std::shared_ptr<const CaseContent> shared_content() const { return content_; }

@@ -18,7 +18,18 @@ std::string points_text(const std::vector<Vector3>& points_mm) {
   return out + "]";
 }
 
-/// As case.toml has them, so that they can be taken over there.
+json interval_json(const std::optional<std::pair<double, double>>& s) {
+  return s ? json{s->first, s->second} : json(nullptr);
+}
+
+std::optional<std::pair<double, double>> interval_of(const json& j, const char* key) {
+  if (!j.contains(key) || !j[key].is_array() || j[key].size() != 2) return std::nullopt;
+  if (!j[key][0].is_number() || !j[key][1].is_number()) return std::nullopt;
+  return std::pair{j[key][0].get<double>(), j[key][1].get<double>()};
+}
+
+}  // namespace
+
 std::string edits_toml(const SplintEdits& edits) {
   constexpr const char* kKinds[] = {"add", "remove", "smooth"};
   std::string out = marks_toml(edits);
@@ -32,18 +43,6 @@ std::string edits_toml(const SplintEdits& edits) {
     out += fmt::format("[[design.contact]]\noutline_mm = {}\n", points_text(r.outline_mm));
   return out;
 }
-
-json interval_json(const std::optional<std::pair<double, double>>& s) {
-  return s ? json{s->first, s->second} : json(nullptr);
-}
-
-std::optional<std::pair<double, double>> interval_of(const json& j, const char* key) {
-  if (!j.contains(key) || !j[key].is_array() || j[key].size() != 2) return std::nullopt;
-  if (!j[key][0].is_number() || !j[key][1].is_number()) return std::nullopt;
-  return std::pair{j[key][0].get<double>(), j[key][1].get<double>()};
-}
-
-}  // namespace
 
 json session_json(const SessionState& state) {
   json j = {{"kind", "viewer"},

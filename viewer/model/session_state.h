@@ -25,6 +25,8 @@ struct SessionState {
   std::optional<std::pair<double, double>> mi_s, tp_s;  ///< picked on the timeline
 };
 
+/// As case.toml has them, so that they can be taken over there, and as `--config` of the command line reads.
+std::string edits_toml(const SplintEdits& edits);
 /// CASE/viewer.json: {"kind":"viewer","unit":"mm","therapeutic":{…},"parameters":{…},"edits":{…},…}.
 nlohmann::json session_json(const SessionState& state);
 /// Over `base`. Refused (kInput): what is not such a file, values out of range.

@@ -15,6 +15,7 @@
 #include "rendering/charts.h"
 #include "viewer/model/colour_maps.h"
 #include "viewer/model/splint_maps.h"
+#include "viewer/panels/daemon_row.h"
 
 namespace gnathion {
 namespace {
@@ -35,6 +36,7 @@ CalibratePanel::CalibratePanel(Workbench& bench) : Panel(bench, Step::kCalibrate
   auto* column = new QVBoxLayout(this);
   column->setContentsMargins(10, 8, 10, 8);
   column->addWidget(status_ = new StepStatus("calibrateStatus"));
+  column->addWidget(new DaemonRow(bench_, Step::kCalibrate));
   column->addWidget(heading("Registrations"));
   column->addWidget(wrapped("Choose one to see the surfaces laid over each other.", true));
   registrations_ = plain_table({"What on what", "RMS", "Held out", "Cond."}, "registrationTable");

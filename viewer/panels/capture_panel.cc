@@ -225,6 +225,7 @@ void CapturePanel::connected(std::unique_ptr<client::DaemonClient> client) {
         mail->events.push_back(e);
       },
       ended));
+  bench_.daemon.joined(client_);
   mail_timer_.start();
   empty_->hide();
   camera_row_->show();
@@ -236,6 +237,7 @@ void CapturePanel::connected(std::unique_ptr<client::DaemonClient> client) {
 void CapturePanel::lost(const std::string& why) {
   subscriptions_.clear();
   client_.reset();
+  bench_.daemon.lost();
   mail_timer_.stop();
   session_.reset();
   const QString socket = QString::fromStdString(socket_.empty() ? "/run/gnathion/gnathiond.sock" : socket_);

@@ -15,6 +15,7 @@
 #include "pipeline/design_job.h"
 #include "rendering/charts.h"
 #include "viewer/model/colour_maps.h"
+#include "viewer/model/daemon_requests.h"
 
 namespace gnathion {
 namespace {
@@ -67,6 +68,7 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
   build_->setProperty("role", "primary");
   cancel_ = button("Cancel", "cancelBuild", "Stops the build; nothing half-made is left", [this] {
     bench_.jobs.cancel_all();
+    bench_.daemon.cancel_kind("design");
     bench_.status("Cancelling: the running step ends first.");
   });
   cancel_->setEnabled(false);
@@ -91,6 +93,8 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
   edit_column->setContentsMargins(6, 6, 6, 6);
   edit_column->addWidget(heading("Draw on the splint"));
   edit_column->addWidget(edits_ = new EditTools(bench_));
+  edit_column->addWidget(heading("Margin on the crowns"));
+  edit_column->addWidget(margins_ = new MarginTools(bench_));
   edit_column->addWidget(heading("Compare designs"));
   edit_column->addWidget(compare_ = new CompareTools(bench_));
   edit_column->addStretch();
@@ -111,6 +115,8 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
     show_state();
     if (preview_->isChecked() && isVisible()) preview_timer_.start();
   });
+  bench_.daemon.changed.add(
+      [this] { build_->setText(bench_.daemon.serves_case() ? "Build splint (daemon)" : "Build splint"); });
   document().layers().changed.add([this](const std::string&, LayerChange change) {
     if (change == LayerChange::kLook && isVisible()) show_scale();
   });
@@ -256,6 +262,7 @@ void DesignPanel::build() {
   const auto content = document().shared_content();
   if (!document().state().therapeutic)
     return document().report("T_th is not set yet: set it in the Transformation step.");
+  if (bench_.daemon.serves_case()) return build_by_daemon();
   if (bench_.jobs.busy()) return document().report("A job is running already: wait for it, or cancel it.");
   const SessionState state = document().state();
   const fs::path target = next_design_folder(content->folder);
@@ -290,6 +297,22 @@ void DesignPanel::build() {
         if (const Status done = build_into(); !done) *trouble = done.error().line();
       },
       [this, target, trouble](bool cancelled) { built(target, cancelled, *trouble); });
+}
+
+/// The case is the daemon's: its processes compute, the window only follows.
+void DesignPanel::build_by_daemon() {
+  const auto request = design_request(document().content(), document().state());
+  if (!request) return document().report(QString::fromStdString(request.error().line()));
+  build_->setEnabled(false);
+  cancel_->setEnabled(true);
+  bench_.daemon.submit(
+      *request, [this, target = document().content().folder / output_of(*request)](const client::Job& job) {
+        build_->setEnabled(document().content().arch.has_value());
+        cancel_->setEnabled(false);
+        const bool made = job.state == client::JobState::kDone || job.state == client::JobState::kGateFailed;
+        if (made && target.parent_path().parent_path() == document().content().folder)
+          built(target, false, "");
+      });
 }
 
 void DesignPanel::built(const fs::path& folder, bool cancelled, const std::string& trouble) {
@@ -488,6 +511,7 @@ void DesignPanel::click_gate(int row) {
 
 void DesignPanel::enter() {
   edits_->show_edits(true);
+  margins_->show_margins(true);
   compare_->refresh();
   show_marks();
   show_scale();
@@ -496,6 +520,7 @@ void DesignPanel::enter() {
 
 void DesignPanel::leave() {
   edits_->show_edits(false);
+  margins_->show_margins(false);
   compare_->leave();
   for (const char* overlay : {"marks", "gate"}) bench_.scene.clear_overlay(overlay);
   bench_.scene.set_colour_scale(std::nullopt);

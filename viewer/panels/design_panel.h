@@ -10,6 +10,7 @@
 #include "viewer/model/splint_maps.h"
 #include "viewer/panels/compare_tools.h"
 #include "viewer/panels/edit_tools.h"
+#include "viewer/panels/margin_tools.h"
 #include "viewer/panels/panel.h"
 #include "viewer/panels/parameter_page.h"
 #include "viewer/widgets/parts.h"
@@ -32,6 +33,7 @@ class DesignPanel : public Panel {
   void show_state();
   void show_gates();
   void build();
+  void build_by_daemon();
   void built(const std::filesystem::path& folder, bool cancelled, const std::string& trouble);
   void preview();
   void make_maps();
@@ -50,6 +52,7 @@ class DesignPanel : public Panel {
   QTableWidget* gates_;
   QLabel *verdict_, *preview_note_;
   EditTools* edits_;
+  MarginTools* margins_;
   CompareTools* compare_;
   QTimer preview_timer_;
   std::vector<std::string> gate_names_;

@@ -4,6 +4,7 @@
 #include <QDoubleSpinBox>
 #include <QHBoxLayout>
 #include <QListWidget>
+#include <QShortcut>
 #include <QToolButton>
 
 #include "rendering/charts.h"
@@ -70,6 +71,9 @@ EditTools::EditTools(Workbench& bench) : bench_(bench), tools_(new QButtonGroup(
   list_->setObjectName("editList");
   list_->setMaximumHeight(76);
   list_->setToolTip("Delete removes the chosen edit; undo brings it back");
+  auto* remove = new QShortcut(QKeySequence(Qt::Key_Delete), list_);
+  remove->setContext(Qt::WidgetShortcut);
+  connect(remove, &QShortcut::activated, this, [this] { remove_selected(); });
   column->addWidget(list_);
   column->addWidget(
       button("Remove edit", "removeEdit", "Takes the chosen edit away", [this] { remove_selected(); }));
@@ -164,8 +168,9 @@ void EditTools::refresh() {
   }
   for (const Region& r : edits.cutouts) add(kCutout, r.outline_mm, "Cutout");
   for (const Region& r : edits.contacts) add(kContact, r.outline_mm, "Contact region");
-  if (edits.empty()) list_->addItem("No edits yet: choose a tool and drag over the splint.");
-  if (shown_ && !edits.empty())
+  const bool none = list_->count() == 0;
+  if (none) list_->addItem("No edits yet: choose a tool and drag over the splint.");
+  if (shown_ && !none)
     bench_.scene.set_overlay("edits", std::move(o));
   else
     bench_.scene.clear_overlay("edits");
@@ -174,7 +179,9 @@ void EditTools::refresh() {
 void EditTools::remove_selected() {
   const int row = list_->currentRow();
   const SplintEdits& edits = bench_.document.state().edits;
-  if (row < 0 || edits.empty()) return bench_.document.report("Choose an edit in the list first.");
+  const std::size_t count = edits.strokes.size() + edits.cutouts.size() + edits.contacts.size();
+  if (row < 0 || static_cast<std::size_t>(row) >= count)
+    return bench_.document.report("Choose an edit in the list first.");
   bench_.document.change("Remove edit", [&](SessionState& s) {
     std::size_t i = static_cast<std::size_t>(row);
     const auto take = [&](auto& list) {

@@ -17,6 +17,7 @@
 #include "evaluation/virtual_print.h"
 #include "pipeline/evaluate_job.h"
 #include "viewer/model/colour_maps.h"
+#include "viewer/panels/daemon_row.h"
 
 namespace gnathion {
 
@@ -34,6 +35,7 @@ EvaluatePanel::EvaluatePanel(Workbench& bench) : Panel(bench, Step::kEvaluate) {
   auto* column = new QVBoxLayout(this);
   column->setContentsMargins(10, 8, 10, 8);
   column->addWidget(status_ = new StepStatus("evaluateStatus"));
+  column->addWidget(new DaemonRow(bench_, Step::kEvaluate));
   column->addWidget(heading("Scans after printing"));
   column->addWidget(make_scans());
   column->addWidget(heading("Procedures"));
@@ -86,7 +88,7 @@ QWidget* EvaluatePanel::make_scans() {
   maxilla_ = row(1, "Upper jaw", "scanMaxilla");
   mandible_ = row(2, "Lower jaw, biting", "scanMandible");
   auto* go = button("Evaluate", "evaluateScans", "The scans above, or those of the case's evaluation.toml",
-                    [this] { run_scans(); });
+                    [this] { evaluate(); });
   go->setProperty("role", "primary");
   auto* print = button("Virtual print", "virtualPrint",
                        "What the procedures would find on one simulated print, seating and scan",
@@ -129,6 +131,21 @@ void EvaluatePanel::run(const QString& name, std::function<void(JobContext&, Fou
         if (!found->trouble.empty()) return document().report(QString::fromStdString(found->trouble));
         show_found(found);
       });
+}
+
+/// Of a case that is the daemon's: it keeps a report in evaluations/; the maps are measured here then.
+void EvaluatePanel::evaluate() {
+  if (!document().is_open()) return;
+  const auto path = [](const QLineEdit* e) { return std::filesystem::path(e->text().toStdString()); };
+  if (!bench_.daemon.serves_case() || path(splint_).empty()) return run_scans();
+  const auto request = evaluate_request(document().content(), path(splint_), path(maxilla_), path(mandible_));
+  if (!request) {
+    document().notice(QString::fromStdString(request.error().why) + ": evaluated here, not by the daemon.");
+    return run_scans();
+  }
+  bench_.daemon.submit(*request, [this](const client::Job& job) {
+    if (job.state == client::JobState::kDone || job.state == client::JobState::kGateFailed) run_scans();
+  });
 }
 
 void EvaluatePanel::run_scans() {

@@ -26,6 +26,7 @@ class EvaluatePanel : public Panel {
   struct Found;  ///< what a job brings back
   QWidget* make_scans();
   void opened();
+  void evaluate();
   void run_scans();
   void run_virtual_print();
   void run(const QString& name, std::function<void(JobContext&, Found&)> work);

@@ -15,6 +15,7 @@
 #include "tracking/plateaus.h"
 #include "tracking/se3_mean.h"
 #include "viewer/model/colour_maps.h"
+#include "viewer/panels/daemon_row.h"
 
 namespace gnathion {
 namespace {
@@ -43,6 +44,7 @@ MotionPanel::MotionPanel(Workbench& bench) : Panel(bench, Step::kMotion) {
   auto* column = new QVBoxLayout(this);
   column->setContentsMargins(10, 8, 10, 8);
   column->addWidget(status_ = new StepStatus("motionStatus"));
+  column->addWidget(new DaemonRow(bench_, Step::kMotion));
   column->addWidget(heading("Pick positions"));
   column->addWidget(
       wrapped("Click a violet bar (a rest that was found) on the timeline, or Shift-drag an interval; then "

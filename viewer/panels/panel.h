@@ -8,6 +8,7 @@
 #include <string>
 
 #include "anatomy/joints/joints.h"
+#include "viewer/jobs/daemon_jobs.h"
 #include "viewer/jobs/jobs.h"
 #include "viewer/model/document.h"
 #include "viewer/scene/scene_view.h"
@@ -19,11 +20,13 @@ namespace gnathion {
 struct Workbench {
   Document& document;
   JobRunner& jobs;
+  DaemonJobs& daemon;
   Scene3d& scene;
   Scene3d& second;            ///< beside the first, for two designs
   LayerModel& second_layers;  ///< of the second view
   std::function<void(bool)> show_second;
   std::function<void(const QString&)> status;  ///< status line
+  std::function<void()> reload;                ///< reads the case anew, in place
   /// Someone takes the mouse in the scene; everyone else lets go of it.
   Listeners<const void*> tool_taken = {};
 };

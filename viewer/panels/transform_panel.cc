@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/transform_io.h"
+#include "viewer/panels/daemon_row.h"
 
 namespace gnathion {
 namespace {
@@ -50,6 +51,7 @@ TransformPanel::TransformPanel(Workbench& bench) : Panel(bench, Step::kTransform
   column->setContentsMargins(10, 8, 10, 8);
   column->setSpacing(4);
   column->addWidget(status_ = new StepStatus("transformStatus"));
+  column->addWidget(new DaemonRow(bench_, Step::kTransformation));
   column->addWidget(heading("Therapeutic position, from MI"));
   column->addWidget(make_six());
   column->addWidget(make_sources());

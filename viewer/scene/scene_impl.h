@@ -59,6 +59,7 @@ struct Scene3d::Impl {
   void take_plane();
   bool mouse(SceneMouse::Kind kind, const QPointF& px, bool left_down, bool plain);
   Manipulator::Ray ray(const QPointF& px) const;
+  std::optional<PickedPoint> pick(const QPointF& px, const std::function<bool(const Layer&)>& taken) const;
   Manipulator::Project projector() const;
   void show_handle();
 

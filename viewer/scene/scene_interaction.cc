@@ -139,12 +139,21 @@ Manipulator::Project Scene3d::Impl::projector() const {
 }
 
 std::optional<PickedPoint> Scene3d::pick(const QPointF& px) const {
-  const Manipulator::Ray r = impl_->ray(px);
+  return impl_->pick(px, [](const Layer& layer) { return layer.visible && layer.opacity >= 0.05; });
+}
+
+std::optional<PickedPoint> Scene3d::pick_on(const std::string& wanted, const QPointF& px) const {
+  return impl_->pick(px, [&](const Layer& layer) { return layer.id == wanted; });
+}
+
+std::optional<PickedPoint> Scene3d::Impl::pick(const QPointF& px,
+                                               const std::function<bool(const Layer&)>& taken) const {
+  const Manipulator::Ray r = ray(px);
   std::optional<PickedPoint> best;
   double nearest = 1e300;
-  for (const Layer& layer : impl_->layers.layers()) {
-    if (!layer.visible || layer.opacity < 0.05) continue;
-    const auto query = surface(layer.id);
+  for (const Layer& layer : layers.layers()) {
+    if (!taken(layer)) continue;
+    const auto query = self.surface(layer.id);
     if (!query) continue;
     const Rigid3 mesh_from_dental = layer.pose.inverse();
     const auto hit = query->ray(mesh_from_dental * r.origin_mm, mesh_from_dental.rotation * r.direction);

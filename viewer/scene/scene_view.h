@@ -107,6 +107,8 @@ class Scene3d {
   Listeners<const Rigid3&, bool> dragged;  ///< motion, finished
 
   std::optional<PickedPoint> pick(const QPointF& px) const;
+  /// On that layer alone, through whatever lies before it.
+  std::optional<PickedPoint> pick_on(const std::string& layer, const QPointF& px) const;
   std::optional<QPointF> project(const Vector3& p_mm) const;  ///< widget pixels
   /// Sees the mouse before the camera does; true: it was for the tool.
   void set_tool(std::function<bool(const SceneMouse&)> tool);
