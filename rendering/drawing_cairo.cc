@@ -10,6 +10,7 @@
 #include "core/file.h"
 #include "core/xml.h"
 #include "rendering/drawing.h"
+#include "rendering/pixels.h"
 
 namespace gnathion {
 namespace {
@@ -151,19 +152,23 @@ double text_width_pt(const std::string& text, double size_pt, bool bold) {
   return extents.x_advance * size_pt / 100;
 }
 
-Result<std::string> png_bytes(const Drawing& drawing, double scale) {
-  const Surface surface(cairo_image_surface_create(CAIRO_FORMAT_RGB24,
-                                                   static_cast<int>(std::ceil(drawing.width_pt() * scale)),
-                                                   static_cast<int>(std::ceil(drawing.height_pt() * scale))));
+Status paint(const Drawing& drawing, double scale, Pixels& onto) {
+  static_assert(sizeof(onto.rgb[0]) == 4);  // as cairo's RGB24
+  const Surface surface(cairo_image_surface_create_for_data(
+      reinterpret_cast<unsigned char*>(onto.rgb.data()), CAIRO_FORMAT_RGB24, onto.width_px, onto.height_px,
+      cairo_format_stride_for_width(CAIRO_FORMAT_RGB24, onto.width_px)));
   const Context context(cairo_create(surface.get()));
-  cairo_set_source_rgb(context.get(), 1, 1, 1);
-  cairo_paint(context.get());
   cairo_scale(context.get(), scale, scale);
   Painter(context.get()).draw(drawing);
-  GNATHION_CHECK_OK(drawn(cairo_status(context.get()), "PNG"));
-  std::string bytes;
-  GNATHION_CHECK_OK(drawn(cairo_surface_write_to_png_stream(surface.get(), append, &bytes), "PNG"));
-  return bytes;
+  cairo_surface_flush(surface.get());
+  return drawn(cairo_status(context.get()), "PNG");
+}
+
+Result<std::string> png_bytes(const Drawing& drawing, double scale) {
+  Pixels pixels(static_cast<int>(std::ceil(drawing.width_pt() * scale)),
+                static_cast<int>(std::ceil(drawing.height_pt() * scale)));
+  GNATHION_CHECK_OK(paint(drawing, scale, pixels));
+  return png_bytes(pixels);
 }
 
 Status write_pdf(const std::filesystem::path& path, const std::vector<std::shared_ptr<const Drawing>>& pages,

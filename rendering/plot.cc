@@ -1,29 +1,18 @@
 #include "rendering/plot.h"
 
-#include <vtkAxis.h>
-#include <vtkChartLegend.h>
-#include <vtkChartXY.h>
-#include <vtkContextScene.h>
-#include <vtkContextView.h>
-#include <vtkDoubleArray.h>
-#include <vtkNew.h>
-#include <vtkPen.h>
-#include <vtkPlotLine.h>
-#include <vtkRenderWindow.h>
-#include <vtkRenderer.h>
-#include <vtkTable.h>
-#include <vtkTextProperty.h>
+#include <algorithm>
 
-#include <cmath>
-
-#include "rendering/window.h"
+#include "core/file.h"
+#include "rendering/chart_axes.h"
+#include "rendering/pixels.h"
 
 namespace gnathion {
 namespace {
 
-constexpr int kFontSize_px = 20;
-/// Room for labels around the axes: left, bottom, right, top.
-constexpr double kMargin_px[4] = {110, 90, 40, 70};
+constexpr double kPixelsPerPoint = 2.0;
+constexpr int kTicks = 12;
+/// Room around the axes: left, top, right, bottom, pt.
+constexpr double kMargin_pt[4] = {46, 28, 14, 36};
 
 struct Ranges {
   Eigen::Vector2d x{0, 0}, y{0, 0};
@@ -44,78 +33,74 @@ void fit(Eigen::Vector2d& range, const std::vector<PlotCurve>& curves, int axis)
 }
 
 /// Widens the range that has room to spare until a millimetre is the same both ways.
-void equalise(Ranges& r, const PlotOptions& o) {
-  const double w = o.width_px - kMargin_px[0] - kMargin_px[2],
-               h = o.height_px - kMargin_px[1] - kMargin_px[3];
-  const double mm_per_px = std::max((r.x[1] - r.x[0]) / w, (r.y[1] - r.y[0]) / h);
-  const auto widen = [&](Eigen::Vector2d& range, double px) {
-    const double centre = 0.5 * (range[0] + range[1]), half = 0.5 * mm_per_px * px;
+void equalise(Ranges& r, const Point2& size) {
+  const double per_pt = std::max((r.x[1] - r.x[0]) / size.x(), (r.y[1] - r.y[0]) / size.y());
+  const auto widen = [&](Eigen::Vector2d& range, double length) {
+    const double centre = 0.5 * (range[0] + range[1]), half = 0.5 * per_pt * length;
     range = {centre - half, centre + half};
   };
-  widen(r.x, w);
-  widen(r.y, h);
+  widen(r.x, size.x());
+  widen(r.y, size.y());
 }
 
-void style_axis(vtkAxis* axis, const std::string& label, const Eigen::Vector2d& range) {
-  axis->SetTitle(label);
-  axis->GetTitleProperties()->SetFontSize(kFontSize_px + 2);
-  axis->GetTitleProperties()->SetBold(false);
-  axis->GetLabelProperties()->SetFontSize(kFontSize_px);
-  axis->SetBehavior(vtkAxis::FIXED);
-  axis->SetRange(range[0], range[1]);
-  axis->GetGridPen()->SetColor(225, 225, 225);
+void add_curves(Drawing& d, const PlotArea& area, const std::vector<PlotCurve>& curves) {
+  const Point2 low(area.x_low, area.y_low), high(area.x_high, area.y_high);
+  for (const PlotCurve& curve : curves)
+    for (const Polyline2& line : curve.lines)
+      for (const Polyline2& piece : clipped(line, low, high)) {
+        std::vector<Point2> points;
+        for (const Point2& p : piece) points.push_back(area.at(p.x(), p.y()));
+        d.path(std::move(points), false, stroked(curve.color, curve.width_px / kPixelsPerPoint));
+      }
 }
 
-/// One plot per polyline; only the first of a curve has a name, so that the legend lists it once.
-void add_curve(vtkChartXY& chart, const PlotCurve& curve) {
-  bool named = false;
-  for (const Polyline2& line : curve.lines) {
-    if (line.size() < 2) continue;
-    vtkNew<vtkTable> table;
-    vtkNew<vtkDoubleArray> x, y;
-    x->SetName("x");
-    y->SetName(curve.name.c_str());
-    for (const Eigen::Vector2d& p : line) {
-      x->InsertNextValue(p.x());
-      y->InsertNextValue(p.y());
-    }
-    table->AddColumn(x);
-    table->AddColumn(y);
-    vtkPlot* plot = chart.AddPlot(vtkChart::LINE);
-    plot->SetInputData(table, 0, 1);
-    plot->SetColor(curve.color[0], curve.color[1], curve.color[2]);
-    plot->SetWidth(static_cast<float>(curve.width_px));
-    plot->SetLegendVisibility(!named);
-    plot->SetLabel(curve.name);
-    named = true;
+/// In the upper right corner, one line for each name.
+void add_legend(Drawing& d, const PlotArea& area, const std::vector<PlotCurve>& curves) {
+  constexpr double kLine = 13, kSample = 30, kPad = 6, kSize = 8;
+  std::vector<LegendEntry> entries;
+  double width = 0;
+  for (const PlotCurve& curve : curves) {
+    const auto known = [&](const LegendEntry& e) { return e.name == curve.name; };
+    if (std::any_of(entries.begin(), entries.end(), known)) continue;
+    entries.push_back({curve.name, stroked(curve.color, curve.width_px / kPixelsPerPoint)});
+    width = std::max(width, text_width_pt(curve.name, kSize) + kSample);
   }
+  if (entries.empty()) return;
+  const Point2 size(width + 2 * kPad, kLine * static_cast<double>(entries.size()) + kPad);
+  const Point2 corner(area.corner.x() + area.size.x() - size.x() - 4, area.corner.y() + 4);
+  Paint box = filled({1, 1, 1}, 0.9);
+  box.stroke = kMuted;
+  box.width_pt = 0.6;
+  d.rectangle(corner, size, box);
+  for (std::size_t i = 0; i < entries.size(); ++i)
+    draw_legend(&d, corner + Point2(kPad, 0.5 * kPad + kLine * static_cast<double>(i)), size.x(),
+                {entries[i]});
 }
 
 }  // namespace
 
 Status plot_curves(const std::filesystem::path& png, const std::vector<PlotCurve>& curves,
                    const PlotOptions& options) {
-  GNATHION_TRY(auto window, offscreen_window(options.width_px, options.height_px));
+  Drawing d(options.width_px / kPixelsPerPoint, options.height_px / kPixelsPerPoint);
+  const Point2 size(d.width_pt() - kMargin_pt[0] - kMargin_pt[2],
+                    d.height_pt() - kMargin_pt[1] - kMargin_pt[3]);
   Ranges ranges{options.x_range, options.y_range};
   fit(ranges.x, curves, 0);
   fit(ranges.y, curves, 1);
-  if (options.equal_axes) equalise(ranges, options);
-
-  vtkNew<vtkContextView> view;
-  view->SetRenderWindow(window);
-  view->GetRenderer()->SetBackground(1, 1, 1);
-  vtkNew<vtkChartXY> chart;
-  view->GetScene()->AddItem(chart);
-  chart->SetTitle(options.title);
-  chart->GetTitleProperties()->SetFontSize(26);
-  chart->SetShowLegend(true);
-  chart->GetLegend()->SetLabelSize(kFontSize_px);
-  chart->GetLegend()->SetInline(true);
-  chart->SetLayoutStrategy(vtkChart::FILL_SCENE);
-  for (const PlotCurve& curve : curves) add_curve(*chart, curve);
-  style_axis(chart->GetAxis(vtkAxis::BOTTOM), options.x_label, ranges.x);
-  style_axis(chart->GetAxis(vtkAxis::LEFT), options.y_label, ranges.y);
-  return save_window(*window, png);
+  if (options.equal_axes) equalise(ranges, size);
+  const PlotArea area{
+      {kMargin_pt[0], kMargin_pt[1]}, size, ranges.x[0], ranges.x[1], ranges.y[0], ranges.y[1]};
+  TextStyle title;
+  title.size_pt = 12;
+  title.anchor = Anchor::kMiddle;
+  d.text({0.5 * d.width_pt(), 18}, text_fitted(options.title, d.width_pt() - 16, title.size_pt), title);
+  draw_x_axis(d, area, kTicks, options.x_label, 8.5);
+  draw_y_axis(d, area, kTicks, options.y_label, 8.5);
+  add_curves(d, area, curves);
+  draw_frame(d, area);
+  add_legend(d, area, curves);
+  GNATHION_TRY(const std::string bytes, png_bytes(d, kPixelsPerPoint));
+  return write_file(png, bytes);
 }
 
 }  // namespace gnathion
