@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-cases campaign-chain campaign-check campaign-daemon package format clean
+.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-cases campaign-chain campaign-check campaign-daemon package check-package format clean
 
 all: build
 
@@ -78,6 +78,11 @@ campaign-daemon: build
 # A Debian package: build/release/gnathion_*.deb
 package: build
 	@cd $(BUILD) && cpack -G DEB
+
+# The package under a systemd of its own: install, work, crash, upgrade, remove (root; tests/packaging).
+check-package: package
+	@$(BIN)/gnathion demo --out $(BUILD)/packaged --force --quiet
+	@bash tests/packaging/service_check.sh $$(ls -t $(BUILD)/gnathion_*.deb | head -1) $(BUILD)/packaged
 
 # The constraints on fresh virtual patients, half of the transformations made to violate one.
 campaign-check: build
