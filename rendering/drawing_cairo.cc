@@ -15,6 +15,12 @@
 namespace gnathion {
 namespace {
 
+/// Contexts of several threads share fonts, and not all that FreeType does with those is guarded.
+std::recursive_mutex& fonts() {
+  static std::recursive_mutex mutex;
+  return mutex;
+}
+
 struct SurfaceDeleter {
   void operator()(cairo_surface_t* s) const { cairo_surface_destroy(s); }
 };
@@ -134,8 +140,7 @@ Status drawn(cairo_status_t status, const std::string& where) {
 }  // namespace
 
 double text_width_pt(const std::string& text, double size_pt, bool bold) {
-  static std::mutex mutex;
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(fonts());
   static const Surface surface(cairo_image_surface_create(CAIRO_FORMAT_A8, 8, 8));
   static const Context context = [] {
     Context c(cairo_create(surface.get()));
@@ -154,6 +159,7 @@ double text_width_pt(const std::string& text, double size_pt, bool bold) {
 
 Status paint(const Drawing& drawing, double scale, Pixels& onto) {
   static_assert(sizeof(onto.rgb[0]) == 4);  // as cairo's RGB24
+  const std::lock_guard lock(fonts());
   const Surface surface(cairo_image_surface_create_for_data(
       reinterpret_cast<unsigned char*>(onto.rgb.data()), CAIRO_FORMAT_RGB24, onto.width_px, onto.height_px,
       cairo_format_stride_for_width(CAIRO_FORMAT_RGB24, onto.width_px)));
@@ -175,6 +181,7 @@ Status write_pdf(const std::filesystem::path& path, const std::vector<std::share
                  const PdfInfo& info) {
   std::string bytes;
   {
+    const std::lock_guard lock(fonts());
     const Surface surface(cairo_pdf_surface_create_for_stream(append, &bytes, 595, 842));
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_TITLE, info.title.c_str());
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATOR, info.creator.c_str());
