@@ -1,100 +1,172 @@
 #include "rendering/scene.h"
 
-#include <vtkImageData.h>
-#include <vtkJPEGWriter.h>
+#include <tbb/task_arena.h>
+#include <vtkActor.h>
+#include <vtkActor2D.h>
+#include <vtkCamera.h>
+#include <vtkCellArray.h>
+#include <vtkCoordinate.h>
+#include <vtkLight.h>
 #include <vtkNew.h>
-#include <vtkUnsignedCharArray.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkPolyDataMapper.h>
+#include <vtkPolyDataMapper2D.h>
+#include <vtkProperty.h>
+#include <vtkProperty2D.h>
+#include <vtkRenderWindow.h>
+#include <vtkRenderer.h>
+#include <vtkTextActor.h>
+#include <vtkTextProperty.h>
 
 #include "core/file.h"
-#include "rendering/raster.h"
+#include "rendering/vtk_mesh.h"
+#include "rendering/window.h"
 
 namespace gnathion {
 namespace {
 
-constexpr Color kInk = {0.12, 0.12, 0.15};
-
-/// Lines, title, and a bar of ten millimetres: the projection is parallel, so one bar holds for the whole
-/// picture. In pixels.
-Drawing notes_of(const std::vector<SceneLine>& lines, const Projection& projection,
-                 const PictureOptions& options) {
-  Drawing out(options.width_px, options.height_px);
-  for (const SceneLine& line : lines) {
-    std::vector<Point2> points;
-    for (const Vector3& p : line.points_mm) points.emplace_back(projection.seen(p).head<2>());
-    out.path(std::move(points), false, stroked(line.color, line.width_px));
-  }
-  TextStyle style;
-  style.color = kInk;
-  style.size_pt = 23;
-  if (!options.title.empty())
-    out.text({24, 42}, text_fitted(options.title, options.width_px - 48.0, style.size_pt), style);
-  if (options.scale_bar) {
-    const double x1 = options.width_px - 40.0, x0 = x1 - 10.0 * projection.px_per_mm;
-    const double y = options.height_px - 40.0;
-    out.path({{x0, y - 6}, {x0, y}, {x1, y}, {x1, y - 6}}, false, stroked(kInk, 3));
-    style.size_pt = 19;
-    out.text({x0, y - 12}, "10 mm", style);
-  }
-  return out;
+void add_mesh(vtkRenderer& renderer, const SceneMesh& item) {
+  vtkNew<vtkPolyDataMapper> mapper;
+  mapper->SetInputData(to_vtk(*item.mesh, item.pose, item.use_vertex_colors));
+  mapper->SetScalarVisibility(item.use_vertex_colors);
+  vtkNew<vtkActor> actor;
+  actor->SetMapper(mapper);
+  vtkProperty* look = actor->GetProperty();
+  look->SetColor(item.color[0], item.color[1], item.color[2]);
+  look->SetOpacity(item.opacity);
+  look->SetAmbient(item.flat_light ? 0.5 : 0.18);
+  look->SetDiffuse(item.flat_light ? 0.52 : 0.9);
+  look->SetSpecular(item.flat_light ? 0 : 0.2);
+  look->SetSpecularPower(25);
+  look->SetInterpolationToPhong();
+  renderer.AddActor(actor);
 }
 
-struct Drawn {
-  Projection projection;
-  Pixels pixels;
-};
-
-Result<Drawn> drawn(const std::vector<SceneMesh>& meshes, const std::vector<SceneLine>& lines,
-                    const SceneView& view, const PictureOptions& options) {
-  const Projection projection(meshes, view, options.width_px, options.height_px);
-  Drawn out{projection, rasterized(meshes, projection)};
-  GNATHION_CHECK_OK(paint(notes_of(lines, projection, options), 1.0, out.pixels));
-  return out;
+void add_line(vtkRenderer& renderer, const SceneLine& line) {
+  vtkNew<vtkPoints> points;
+  for (const Vector3& p : line.points_mm) points->InsertNextPoint(p.data());
+  vtkNew<vtkCellArray> cells;
+  cells->InsertNextCell(static_cast<int>(line.points_mm.size()));
+  for (std::size_t i = 0; i < line.points_mm.size(); ++i) cells->InsertCellPoint(static_cast<vtkIdType>(i));
+  vtkNew<vtkPolyData> data;
+  data->SetPoints(points);
+  data->SetLines(cells);
+  vtkNew<vtkPolyDataMapper> mapper;
+  mapper->SetInputData(data);
+  vtkNew<vtkActor> actor;
+  actor->SetMapper(mapper);
+  actor->GetProperty()->SetColor(line.color[0], line.color[1], line.color[2]);
+  actor->GetProperty()->SetLineWidth(static_cast<float>(line.width_px));
+  actor->GetProperty()->LightingOff();
+  renderer.AddActor(actor);
 }
 
-Result<std::string> jpeg_bytes(const Pixels& pixels) {
-  vtkNew<vtkImageData> image;
-  image->SetDimensions(pixels.width_px, pixels.height_px, 1);
-  image->AllocateScalars(VTK_UNSIGNED_CHAR, 3);
-  auto* to = static_cast<unsigned char*>(image->GetScalarPointer());
-  for (int y = pixels.height_px - 1; y >= 0; --y)  // VTK's rows run upwards
-    for (int x = 0; x < pixels.width_px; ++x) {
-      const std::uint32_t rgb =
-          pixels.rgb[static_cast<std::size_t>(y) * static_cast<std::size_t>(pixels.width_px) +
-                     static_cast<std::size_t>(x)];
-      for (const int shift : {16, 8, 0}) *to++ = static_cast<unsigned char>(rgb >> shift);
-    }
-  vtkNew<vtkJPEGWriter> writer;
-  writer->SetQuality(88);
-  writer->SetInputData(image);
-  writer->WriteToMemoryOn();
-  writer->Write();
-  vtkUnsignedCharArray* bytes = writer->GetResult();
-  if (!bytes || bytes->GetNumberOfValues() == 0)
-    return fail(ErrorCode::kInternal, "cannot draw", "picture", "nothing came out of the JPEG writer");
-  return std::string(reinterpret_cast<const char*>(bytes->GetPointer(0)),
-                     static_cast<std::size_t>(bytes->GetNumberOfValues()));
+/// Key light from the viewer's upper left, a weak fill from the right, so that form shows in relief.
+void add_lights(vtkRenderer& renderer) {
+  renderer.RemoveAllLights();
+  const auto add = [&](double x, double y, double z, double intensity) {
+    vtkNew<vtkLight> light;
+    light->SetLightTypeToCameraLight();
+    light->SetPosition(x, y, z);
+    light->SetFocalPoint(0, 0, 0);
+    light->SetIntensity(intensity);
+    renderer.AddLight(light);
+  };
+  add(-0.8, 1.0, 1.0, 0.9);
+  add(1.0, -0.2, 1.0, 0.4);
+}
+
+void place_camera(vtkRenderer& renderer, const SceneView& view) {
+  vtkCamera* camera = renderer.GetActiveCamera();
+  camera->ParallelProjectionOn();
+  camera->SetFocalPoint(0, 0, 0);
+  camera->SetPosition(view.towards_viewer.x(), view.towards_viewer.y(), view.towards_viewer.z());
+  camera->SetViewUp(view.up.x(), view.up.y(), view.up.z());
+  renderer.ResetCamera();
+  camera->Zoom(1.45 * view.zoom);
+  renderer.ResetCameraClippingRange();
+}
+
+void add_text(vtkRenderer& renderer, const std::string& text, int size_px, double x_px, double y_px) {
+  vtkNew<vtkTextActor> actor;
+  actor->SetInput(text.c_str());
+  actor->GetTextProperty()->SetFontSize(size_px);
+  actor->GetTextProperty()->SetColor(0.12, 0.12, 0.15);
+  actor->GetTextProperty()->SetFontFamilyToArial();
+  actor->SetPosition(x_px, y_px);
+  renderer.AddActor2D(actor);
+}
+
+/// Ten millimetres; the projection is parallel, so one bar holds for the whole picture.
+void add_scale_bar(vtkRenderer& renderer, const PictureOptions& options) {
+  const double px_per_mm = options.height_px / (2.0 * renderer.GetActiveCamera()->GetParallelScale());
+  const double length = 10.0 * px_per_mm, x1 = options.width_px - 40.0, x0 = x1 - length, y = 40.0;
+  vtkNew<vtkPoints> points;
+  const double ends[][2] = {{x0, y + 6}, {x0, y}, {x1, y}, {x1, y + 6}};
+  for (const auto& e : ends) points->InsertNextPoint(e[0], e[1], 0);
+  vtkNew<vtkCellArray> cells;
+  cells->InsertNextCell(4);
+  for (int i = 0; i < 4; ++i) cells->InsertCellPoint(i);
+  vtkNew<vtkPolyData> data;
+  data->SetPoints(points);
+  data->SetLines(cells);
+  vtkNew<vtkPolyDataMapper2D> mapper;
+  mapper->SetInputData(data);
+  vtkNew<vtkActor2D> bar;
+  bar->SetMapper(mapper);
+  bar->GetProperty()->SetColor(0.12, 0.12, 0.15);
+  bar->GetProperty()->SetLineWidth(3);
+  renderer.AddActor2D(bar);
+  add_text(renderer, "10 mm", 20, x0, y + 12);
+}
+
+Result<RenderedView> draw(const std::vector<SceneMesh>& meshes, const std::vector<SceneLine>& lines,
+                          const SceneView& view, const PictureOptions& options) {
+  const DrawingTurn turn;
+  GNATHION_TRY(auto window, offscreen_window(options.width_px, options.height_px));
+  vtkNew<vtkRenderer> renderer;
+  renderer->SetBackground(1, 1, 1);
+  bool clear = false;
+  for (const SceneMesh& m : meshes) {
+    if (m.mesh->empty()) continue;
+    add_mesh(*renderer, m);
+    clear |= m.opacity < 1;
+  }
+  for (const SceneLine& l : lines) add_line(*renderer, l);
+  add_lights(*renderer);
+  if (clear) {
+    renderer->SetUseDepthPeeling(true);
+    renderer->SetMaximumNumberOfPeels(6);
+  }
+  window->SetAlphaBitPlanes(true);
+  renderer->UseFXAAOn();
+  window->AddRenderer(renderer);
+  place_camera(*renderer, view);
+  if (!options.title.empty()) add_text(*renderer, options.title, 26, 24, options.height_px - 46);
+  if (options.scale_bar) add_scale_bar(*renderer, options);
+  RenderedView out;
+  GNATHION_TRY(out.png, window_png(*window));
+  GNATHION_TRY(out.jpeg, window_jpeg(*window));
+  out.width_px = options.width_px;
+  out.height_px = options.height_px;
+  out.px_per_mm = options.height_px / (2.0 * renderer->GetActiveCamera()->GetParallelScale());
+  return out;
 }
 
 }  // namespace
 
 Result<RenderedView> render_view(const std::vector<SceneMesh>& meshes, const std::vector<SceneLine>& lines,
                                  const SceneView& view, const PictureOptions& options) {
-  GNATHION_TRY(const Drawn picture, drawn(meshes, lines, view, options));
-  RenderedView out;
-  GNATHION_TRY(out.png, png_bytes(picture.pixels));
-  GNATHION_TRY(out.jpeg, jpeg_bytes(picture.pixels));
-  out.width_px = options.width_px;
-  out.height_px = options.height_px;
-  out.px_per_mm = picture.projection.px_per_mm;
-  return out;
+  // VTK works with TBB; a thread that waits there must not take up another picture in the midst of this one.
+  return tbb::this_task_arena::isolate([&] { return draw(meshes, lines, view, options); });
 }
 
 Status render_scene(const std::filesystem::path& png, const std::vector<SceneMesh>& meshes,
                     const std::vector<SceneLine>& lines, const SceneView& view,
                     const PictureOptions& options) {
-  GNATHION_TRY(const Drawn picture, drawn(meshes, lines, view, options));
-  GNATHION_TRY(const std::string bytes, png_bytes(picture.pixels));
-  return write_file(png, bytes);
+  GNATHION_TRY(const RenderedView picture, render_view(meshes, lines, view, options));
+  return write_file(png, picture.png);
 }
 
 }  // namespace gnathion
