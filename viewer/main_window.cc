@@ -102,6 +102,7 @@ void MainWindow::make_centre() {
   empty_->setAlignment(Qt::AlignCenter);
   empty_->setWordWrap(true);
   empty_->setAttribute(Qt::WA_TransparentForMouseEvents);
+  (new QVBoxLayout(scene_->widget()))->addWidget(empty_);  // in the middle, however large the scene is
   strips_ = new QStackedWidget;
   strips_->setObjectName("strip");
   centre_ = new QSplitter(Qt::Vertical);
@@ -169,6 +170,7 @@ void MainWindow::make_right() {
   scroll->setFrameShape(QFrame::NoFrame);
   scroll->setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
   auto* below = new QWidget;
+  below->setObjectName("sectionBox");
   auto* column = new QVBoxLayout(below);
   column->setContentsMargins(6, 4, 6, 4);
   column->addWidget(heading("Cross-section"));
@@ -193,7 +195,6 @@ void MainWindow::open(const std::filesystem::path& folder) {
   }
   loading_ = true;
   empty_->setText("Opening " + QString::fromStdString(folder.filename().string()) + " …");
-  empty_->resize(scene_->widget()->size());
   auto clock = std::make_shared<QElapsedTimer>();
   clock->start();
   auto content = std::make_shared<std::shared_ptr<const CaseContent>>();
@@ -224,7 +225,11 @@ void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
   document_.open(content);
   put_patient_layers(document_);
   if (document_.layers().layers().empty())
-    empty_->setText("There is nothing to show in this case yet.\nThe steps on the left say what is missing.");
+    empty_->setText(
+        std::filesystem::exists(content->files.toml())
+            ? "There is nothing to show in this case yet.\nThe steps on the left say what is missing."
+            : "This folder is not a case yet.\n'gnathion case import SCANS CASE' makes one of a folder "
+              "of scans.");
   else
     empty_->clear();
   start_section();
@@ -268,7 +273,9 @@ void MainWindow::reload() {
       });
 }
 
+/// What the step shows, with the tools put down: some hide layers while they are held.
 void MainWindow::keep_shown() {
+  bench_->tool_taken(nullptr);
   std::map<std::string, bool> now;
   for (const Layer& l : document_.layers().layers()) now[l.id] = l.visible;
   shown_[static_cast<Step>(step_)] = std::move(now);
@@ -311,6 +318,8 @@ void MainWindow::apply_layers(Step step) {
   for (const Layer& l : document_.layers().layers()) ids.push_back(l.id);
   for (const std::string& id : ids) {
     bool on = first.count(id) > 0;
+    // Without T_th the lower jaw still shows, where it is known.
+    if (id == "mandible_mi" && first.count("mandible_tp") && !document_.state().therapeutic) on = true;
     if (known != shown_.end() && known->second.count(id)) on = known->second.at(id);
     document_.layers().set_visible(id, on);
   }

@@ -71,13 +71,10 @@ void take_pictures(MainWindow& w, const QString& folder) {
     w.grab().save(folder + "/" + name + ".png");
     std::printf("%s\n", name);
   };
-  go(w, 0);
-  act(w, "view_oblique");
-  take("viewer_capture");
   go(w, 1);
   auto* timeline = part<Timeline>(w, "timeline");
   act(w, "view_oblique");
-  timeline->set_time(0.14 * timeline->end_s());
+  timeline->set_time(0.30 * timeline->end_s());
   timeline->scrubbed(timeline->time_s());
   part<QCheckBox>(w, "contactsBox")->setChecked(true);
   take("viewer_motion");

@@ -21,6 +21,7 @@
 #include "core/time.h"
 #include "core/transform_io.h"
 #include "phantom/patient.h"
+#include "rendering/decimate.h"
 #include "tests/daemon/daemon_process.h"
 #include "viewer/main_window.h"
 #include "viewer/widgets/camera_view.h"
@@ -41,13 +42,14 @@ bool wait(Condition condition) {
 }
 
 constexpr std::uint64_t kSeed = 5;
+constexpr std::size_t kTriangles = 40000;  ///< of a jaw: what is looked at is the window
 
 /// A case with jaws and rig of the virtual patient that stands before the daemon's cameras.
 void write_case(const fs::path& folder) {
   const PhantomPatient patient = make_phantom_patient(kSeed);
   fs::create_directories(folder / "scans");
-  ASSERT_TRUE(write_mesh(folder / "scans/maxilla.ply", patient.jaws.maxilla));
-  ASSERT_TRUE(write_mesh(folder / "scans/mandible.ply", patient.jaws.mandible_mi));
+  ASSERT_TRUE(write_mesh(folder / "scans/maxilla.ply", decimated(patient.jaws.maxilla, kTriangles)));
+  ASSERT_TRUE(write_mesh(folder / "scans/mandible.ply", decimated(patient.jaws.mandible_mi, kTriangles)));
   ASSERT_TRUE(write_rig(folder / "rig.toml", phantom_rig(patient)));
   ASSERT_TRUE(write_file(folder / "case.toml",
                          "[case]\nid = \"case-live\"\n[scans]\nmaxilla_mi = \"scans/maxilla.ply\"\n"

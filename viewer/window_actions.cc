@@ -27,7 +27,7 @@ constexpr NamedView kViews[] = {{"Front", "1"},          {"Right", "2"},        
                                 {"Oblique", "7"}};
 
 constexpr const char* kShortcuts =
-    "<table cellspacing=6>"
+    "<b>Mouse and keys</b><br><table cellspacing=6>"
     "<tr><td><b>Ctrl+1 … Ctrl+6</b></td><td>steps of the work</td></tr>"
     "<tr><td><b>1 2 3</b></td><td>views: front, right, left</td></tr>"
     "<tr><td><b>4 5 6 7</b></td><td>upper and lower occlusal, condyle, oblique</td></tr>"
@@ -39,7 +39,9 @@ constexpr const char* kShortcuts =
     "<tr><td><b>D, A, W</b></td><td>measure distance, angle, wall</td></tr>"
     "<tr><td><b>Esc</b></td><td>put the tool down</td></tr>"
     "<tr><td><b>Space</b></td><td>play the motion</td></tr>"
-    "<tr><td><b>R, M, T, K</b></td><td>in Capture: record, mark MI, TP, other</td></tr>"
+    "<tr><td><b>Shift + drag, wheel</b></td><td>on the timeline: choose an interval, zoom</td></tr>"
+    "<tr><td><b>R, L, M, T, K</b></td><td>in Capture: record, live pictures, mark MI, TP, other</td></tr>"
+    "<tr><td><b>Enter, Delete</b></td><td>margin: next curve, take the chosen point away</td></tr>"
     "<tr><td><b>Ctrl+S</b></td><td>screenshot into CASE/screenshots</td></tr>"
     "<tr><td><b>F1, ?</b></td><td>this list</td></tr></table>";
 
@@ -262,6 +264,15 @@ QString window_style() {
     QLabel#shortcutSheet { background: white; border: 1px solid #9aa6b5; border-radius: 8px; }
     QLabel#emptyScene { color: #414b5a; font-size: 12pt; }
     QSplitter::handle { background: #d5dae2; }
+    QWidget#sectionBox, QWidget#jobsList { background: #ffffff; }
+    QWidget#jobsList { border-top: 1px solid #d5dae2; }
+    QScrollBar:vertical { background: transparent; width: 10px; margin: 0; }
+    QScrollBar::handle:vertical { background: #b9c2ce; border-radius: 4px; min-height: 28px; margin: 1px; }
+    QScrollBar::handle:vertical:hover { background: #8f9bab; }
+    QScrollBar::add-line:vertical, QScrollBar::sub-line:vertical { height: 0; }
+    QScrollBar:horizontal { background: transparent; height: 10px; margin: 0; }
+    QScrollBar::handle:horizontal { background: #b9c2ce; border-radius: 4px; min-width: 28px; margin: 1px; }
+    QScrollBar::add-line:horizontal, QScrollBar::sub-line:horizontal { width: 0; }
     QStatusBar { background: #f4f6f9; border-top: 1px solid #d5dae2; }
     QStatusBar::item { border: none; })";
 }

@@ -8,11 +8,12 @@ namespace {
 namespace fs = std::filesystem;
 constexpr int kFollowMs = 300, kIdleMs = 3000;
 
-/// Its files are the folder's, size by size. Recordings grow and results come: they prove nothing.
+/// What it was given is the folder's, size by size. What grows or comes proves nothing: recordings, results.
 bool same_folder(const client::Case& listed, const fs::path& folder) {
   bool any = false;
   for (const client::CaseFile& file : listed.files) {
-    if (file.role == "result" || file.role.find("recording") != std::string::npos) continue;
+    if (file.role.empty() || file.role == "result" || file.role == "calibration") continue;
+    if (file.role.find("recording") != std::string::npos) continue;
     std::error_code ec;
     if (fs::file_size(folder / file.path, ec) != file.bytes || ec) return false;
     any = true;
@@ -41,7 +42,15 @@ void DaemonJobs::lost() {
 }
 
 void DaemonJobs::look_again() {
-  if (!client_ || !document_.is_open()) return;
+  if (!document_.is_open()) return;
+  if (folder_ != document_.content().folder) {  // not the same case read anew
+    folder_ = document_.content().folder;
+    serves_ = false;
+    jobs_.clear();
+    waiting_.clear();
+    changed();
+  }
+  if (!client_) return;
   auto serves = std::make_shared<bool>(false);
   runner_.run_latest(
       "daemon case",
@@ -64,8 +73,9 @@ void DaemonJobs::poll() {
   runner_.run_latest(
       "daemon jobs",
       [client = client_, id = document_.content().title, found](JobContext&) { *found = client->jobs(id); },
-      [this, client = client_, found] {
-        if (client_ != client) return;
+      [this, client = client_, folder = folder_, asked = asked_, found] {
+        if (client_ != client || folder_ != folder) return;
+        if (asked != asked_) return poll();
         if (*found) take(std::move(**found));
         const bool follow =
             std::any_of(jobs_.begin(), jobs_.end(), [](const client::Job& j) { return !j.finished(); });
@@ -122,11 +132,13 @@ void DaemonJobs::submit(client::JobRequest request, std::function<void(const cli
   runner_.run_latest(
       "daemon submit " + std::to_string(++number),
       [client = client_, request, made](JobContext&) { *made = client->submit(request); },
-      [this, made, refused, ended] {
+      [this, made, refused, ended, folder = folder_] {
+        ++asked_;
         if (!*made) {
           document_.report(QString::fromStdString(made->error().line()));
           return ended(refused);
         }
+        if (folder_ != folder) return;  // another case by now: the job goes on without this window
         waiting_[(*made)->id] = {(*made)->kind, ended};
         jobs_.insert(jobs_.begin(), **made);
         changed();

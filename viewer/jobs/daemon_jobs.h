@@ -51,6 +51,8 @@ class DaemonJobs {
   JobRunner& runner_;
   std::shared_ptr<client::DaemonClient> client_;
   bool serves_ = false;
+  std::filesystem::path folder_;  ///< whose jobs these are
+  int asked_ = 0;                 ///< lists that were asked for before the newest submission are too old
   std::vector<client::Job> jobs_;
   std::map<std::string, Waiting> waiting_;  ///< by id
   QTimer timer_;

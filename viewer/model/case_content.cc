@@ -60,7 +60,11 @@ void read_case_file(CaseContent& c) {
     c.files = std::move(*files);
   } else {
     read_leniently(c);
-    c.absences.push_back({Step::kCapture, "case.toml", files.error().why, true});
+    if (is_there(c.folder / "case.toml"))
+      c.absences.push_back({Step::kCapture, "case.toml", files.error().why, true});
+    else
+      c.absences.push_back({Step::kCapture, "case.toml",
+                            "there is none; 'gnathion case import SCANS CASE' makes a case", false});
   }
   c.kind = c.files.kind.empty() ? "patient" : c.files.kind;
 }
@@ -111,8 +115,9 @@ void read_surfaces(CaseContent& c) {
     } else if (is_there(w.path)) {
       c.absences.push_back({w.step, w.shown, w.path.filename().string() + ": " + mesh.error().why, true});
     } else if (w.required) {
-      const std::string file = w.path.empty() ? "" : w.path.filename().string() + " does not exist; ";
-      c.absences.push_back({w.step, w.shown, file + w.remedy, !w.path.empty() && w.step != Step::kDesign});
+      const bool named = !w.path.empty() && w.step != Step::kDesign;  // in case.toml
+      const std::string file = named ? w.path.filename().string() + " does not exist; " : "";
+      c.absences.push_back({w.step, w.shown, file + w.remedy, named});
     }
   }
 }

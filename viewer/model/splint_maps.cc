@@ -22,7 +22,7 @@ std::vector<float> thickness_of(const TriangleMesh& splint, const MeshQuery& que
     const Vector3 inward = -normals[i];
     if (inward.squaredNorm() < 0.5) continue;
     const auto hit = query.ray(splint.vertices_mm[i] + 0.02 * inward, inward, 0.0, kThickestMm);
-    if (hit) out[i] = static_cast<float>(hit->distance_mm + 0.02);
+    out[i] = static_cast<float>(hit ? hit->distance_mm + 0.02 : kThickestMm);  // or more
   }
   return out;
 }

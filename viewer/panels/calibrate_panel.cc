@@ -220,7 +220,7 @@ void CalibratePanel::overlay(const QString& name, SharedMesh source, SharedMesh 
         found->residual_mm =
             difference_mm(transformed(found->target_from_source, *source), *target, kReachMm);
       },
-      [this, name, source, target, dental_from_target, found, content = document().shared_content()] {
+      [this, id, name, source, target, dental_from_target, found, content = document().shared_content()] {
         if (document().shared_content() != content || !isVisible()) return;
         if (!found->trouble.empty()) return histogram_->set_note(QString::fromStdString(found->trouble));
         Layer map;
@@ -243,6 +243,10 @@ void CalibratePanel::overlay(const QString& name, SharedMesh source, SharedMesh 
           fixed.opacity = 0.3;
           document().layers().put(std::move(fixed));
         }
+        // Faces whole; of the bow what lies at the teeth.
+        if (id == "face") bench_.scene.fit();
+        if (id != "face" && document().content().arch)
+          bench_.scene.look_at(document().content().arch->origin_mm, 95);
         bench_.scene.set_colour_scale(ColourScale{"residual, mm", -kResidualRangeMm, kResidualRangeMm, true});
         std::vector<double> values;
         for (const float v : found->residual_mm)

@@ -99,6 +99,8 @@ CapturePanel::CapturePanel(Workbench& bench, Connect reach, std::string socket)
   devices_ = plain_table({"Device", "Rate", "Lost", "State"}, "deviceTable");
   devices_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
   for (const int c : {1, 2, 3}) devices_->setColumnWidth(c, c == 3 ? 84 : 60);
+  devices_->setMinimumHeight(84);
+  devices_->setSizePolicy(QSizePolicy::Expanding, QSizePolicy::Ignored);  // it takes what is left
   column->addWidget(devices_, 1);
   column->addWidget(heading("Takes"));
   takes_ = new QListWidget;
@@ -150,7 +152,7 @@ void CapturePanel::opened() {
   int scans = 0;
   for (const char* role : {"maxilla_mi", "mandible_mi", "mandible_clutch", "face_mi", "face_tp"})
     scans += c.mesh(role) != nullptr;
-  if (scans) done << QString("%1 scans").arg(scans);
+  if (scans) done << QString("%1 %2").arg(scans).arg(scans == 1 ? "scan" : "scans");
   std::error_code ec;
   if (!c.files.recording.empty() && std::filesystem::exists(c.files.recording, ec))
     done << "recording " + QString::fromStdString(c.files.recording.filename().string());

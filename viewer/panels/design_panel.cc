@@ -159,7 +159,9 @@ void DesignPanel::opened() {
   report_ = document().content().design;
   preview_->setChecked(false);
   const bool ready = document().content().arch.has_value();
-  build_->setEnabled(ready);
+  const bool building = bench_.daemon.running("design");
+  build_->setEnabled(ready && !building);
+  cancel_->setEnabled(building || bench_.jobs.busy());
   preview_->setEnabled(ready);
   show_gates();
   parameters_->show_values();

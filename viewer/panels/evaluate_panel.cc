@@ -54,6 +54,7 @@ EvaluatePanel::EvaluatePanel(Workbench& bench) : Panel(bench, Step::kEvaluate) {
   below->setContentsMargins(0, 0, 0, 0);
   charts_ = new QComboBox;
   charts_->setObjectName("chartBox");
+  charts_->hide();  // until there are charts
   chart_ = new ChartView;
   chart_->setObjectName("evaluationChart");
   chart_->set_note("Error bars, radar, histograms and profiles appear when scans are evaluated.");
@@ -105,6 +106,7 @@ void EvaluatePanel::opened() {
   found_.reset();
   figures_.clear();
   charts_->clear();
+  charts_->hide();
   table_->setRowCount(0);
   facts_->clear();
   chart_->set_note("Error bars, radar, histograms and profiles appear when scans are evaluated.");
@@ -237,6 +239,7 @@ void EvaluatePanel::show_found(std::shared_ptr<const Found> found) {
         0, 1, QString::fromStdString(f.file).left(1).toUpper()));
   charts_->blockSignals(false);
   charts_->setCurrentIndex(0);
+  charts_->setVisible(charts_->count() > 0);
   show_chart();
   QStringList done = {"evaluated: " + QString::fromStdString(found_->source)};
   std::vector<Absence> missing;

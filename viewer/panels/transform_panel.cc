@@ -171,7 +171,8 @@ QWidget* TransformPanel::make_constraints() {
   constraints_->setColumnWidth(2, 70);
   constraints_->setColumnWidth(3, 62);
   constraints_->horizontalHeader()->setSectionResizeMode(1, QHeaderView::Stretch);
-  constraints_->setMinimumHeight(120);
+  constraints_->setMinimumHeight(96);
+  constraints_->setSizePolicy(QSizePolicy::Expanding, QSizePolicy::Ignored);  // it takes what is left
   connect(constraints_, &QTableWidget::cellClicked, this, [this](int row, int) {
     const Vector3 at = where_mm_.at(static_cast<std::size_t>(row));
     bench_.scene.look_at(at, 40);
@@ -315,10 +316,11 @@ void TransformPanel::show_state() {
     const Vector3 incisal = document().content().arch->incisal_mm;
     const double s =
         std::sqrt(point_covariance(*measured->covariance, measured->motion.rigid * incisal).trace());
-    done << QString("measured T_th: ± %1 mm (1σ) at the incisal point").arg(s, 0, 'f', 3);
+    done << QString("measured T_th: ± %1 mm (1σ), incisal point").arg(s, 0, 'f', 3);
   }
   status_->show_state(done, missing);
-  source_->setText("From: " + QString::fromStdString(document().state().therapeutic_source));
+  const QString source = QString::fromStdString(document().state().therapeutic_source);
+  source_->setText(source.isEmpty() ? "" : "From: " + source);
   if (!t) {
     readout_->setText("T_th is not set.");
     return;

@@ -44,7 +44,8 @@ Overlay Manipulator::look() const {
     const std::vector<Vector3> points = handle_points(h);
     if (h < 3) {
       o.arrows.push_back({points[0], points[1], color});
-      o.labels.push_back({points[1] + 0.12 * size_mm_ * handle_.rotation.col(h), kAxisNames[h], color, 13});
+      o.labels.push_back(
+          {points[1] + 0.12 * size_mm_ * handle_.rotation.col(h), kAxisNames[h], color, 13, true});
     } else {
       o.lines.push_back({points, color, h == strong ? 4.5 : 2.5});
     }

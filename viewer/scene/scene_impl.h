@@ -62,6 +62,7 @@ struct Scene3d::Impl {
   std::optional<PickedPoint> pick(const QPointF& px, const std::function<bool(const Layer&)>& taken) const;
   Manipulator::Project projector() const;
   void show_handle();
+  Vector3 middle() const;
 
   Scene3d& self;
   LayerModel& layers;
@@ -83,6 +84,7 @@ struct Scene3d::Impl {
   double detail = 1.0;  ///< of the picture's width and height that is drawn
   QSize view_px;
   std::optional<bool> drawn_by_processor;
+  bool fitted = false;  ///< nobody has moved the camera since all that shows was brought into view
   bool moving = false, scheduled = false, placed = false, full_allowed = true, interacting = false;
   SectionPlane plane;
   Vector3 plane_up = Vector3::UnitZ();

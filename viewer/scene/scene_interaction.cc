@@ -14,10 +14,12 @@ namespace {
 class MouseFilter : public QObject {
  public:
   using Handler = std::function<bool(SceneMouse::Kind, const QPointF&, bool, bool)>;
-  explicit MouseFilter(Handler handler) : handler_(std::move(handler)) {}
+  MouseFilter(Handler handler, std::function<void()> resized)
+      : handler_(std::move(handler)), resized_(std::move(resized)) {}
 
  protected:
   bool eventFilter(QObject*, QEvent* event) override {
+    if (event->type() == QEvent::Resize) resized_();
     const bool press = event->type() == QEvent::MouseButtonPress;
     const bool release = event->type() == QEvent::MouseButtonRelease;
     if (!press && !release && event->type() != QEvent::MouseMove) return false;
@@ -32,6 +34,7 @@ class MouseFilter : public QObject {
 
  private:
   Handler handler_;
+  std::function<void()> resized_;
 };
 
 }  // namespace
@@ -57,7 +60,7 @@ void Scene3d::Impl::start_interaction() {
   motion_callback->SetClientData(this);
   motion_callback->SetCallback([](vtkObject*, unsigned long event, void* data, void*) {
     Impl& s = *static_cast<Impl*>(data);
-    if (event == vtkCommand::StartInteractionEvent) s.interacting = true;
+    if (event == vtkCommand::StartInteractionEvent) s.interacting = true, s.fitted = false;
     if (event == vtkCommand::EndInteractionEvent) s.interacting = false;
     s.set_moving(true);
     if (s.linked && s.linked->widget()->isVisible()) {
@@ -69,7 +72,10 @@ void Scene3d::Impl::start_interaction() {
        {vtkCommand::StartInteractionEvent, vtkCommand::InteractionEvent, vtkCommand::EndInteractionEvent})
     style->AddObserver(event, motion_callback);
   filter = std::make_unique<MouseFilter>([this](SceneMouse::Kind kind, const QPointF& px, bool left,
-                                                bool plain) { return mouse(kind, px, left, plain); });
+                                                bool plain) { return mouse(kind, px, left, plain); },
+                                         [this] {
+                                           if (fitted) self.fit();
+                                         });
   widget->installEventFilter(filter.get());
 }
 

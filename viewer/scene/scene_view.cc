@@ -274,21 +274,56 @@ void Scene3d::allow_full_detail(bool allowed) {
 
 void Scene3d::look_from(const Vector3& towards_viewer, const Vector3& up) {
   Impl& s = *impl_;
-  double b[6];
-  s.renderer->ComputeVisiblePropBounds(b);
-  Vector3 centre = Vector3::Zero();
-  if (b[0] <= b[1]) centre = {0.5 * (b[0] + b[1]), 0.5 * (b[2] + b[3]), 0.5 * (b[4] + b[5])};
+  const Vector3 back = towards_viewer.normalized();
+  const Vector3 right = up.cross(back).normalized(), above = back.cross(right);
   vtkCamera* camera = s.renderer->GetActiveCamera();
-  const Vector3 eye = centre + 400.0 * towards_viewer.normalized();
-  camera->SetFocalPoint(centre.data());
+  const double tan_y = std::tan(0.5 * camera->GetViewAngle() * M_PI / 180.0);
+  const double tan_x = tan_y * s.widget->width() / std::max(1, s.widget->height());
+  // In perspective, each surface point asks for a distance on its own; the largest of each side make the
+  // frame narrowest and put what is seen, not its box, into the middle.
+  double most[4] = {-1e300, -1e300, -1e300, -1e300};
+  for (const Layer& layer : s.layers.layers()) {
+    if (!layer.visible || !layer.mesh) continue;
+    const auto& vertices = layer.mesh->vertices_mm;
+    const std::size_t step = std::max<std::size_t>(1, vertices.size() / 4000);
+    for (std::size_t i = 0; i < vertices.size(); i += step) {
+      const Vector3 p = layer.pose * vertices[i];
+      const double x = right.dot(p) / tan_x, y = above.dot(p) / tan_y, z = back.dot(p);
+      const double asked[4] = {z + x, z - x, z + y, z - y};
+      for (int k = 0; k < 4; ++k) most[k] = std::max(most[k], asked[k]);
+    }
+  }
+  const bool empty = most[0] < -1e299;
+  const double reach = empty ? 200.0 : 0.5 * std::max(most[0] + most[1], most[2] + most[3]);
+  const Vector3 on_axis =
+      empty ? Vector3::Zero()
+            : Vector3(0.5 * tan_x * (most[0] - most[1]) * right + 0.5 * tan_y * (most[2] - most[3]) * above);
+  const double depth = empty ? 0.0 : back.dot(s.middle());
+  const Vector3 focus = on_axis + depth * back, eye = focus + 1.08 * (reach - depth) * back;
+  camera->SetFocalPoint(focus.data());
   camera->SetPosition(eye.data());
   camera->SetViewUp(up.data());
   camera->OrthogonalizeViewUp();
-  s.renderer->ResetCamera();
-  camera->Zoom(1.0);
-  camera->Dolly(1.15);
-  s.placed = true;
+  s.placed = s.fitted = true;
   render();
+}
+
+void Scene3d::fit() {
+  double n[3], up[3];
+  vtkCamera* camera = impl_->renderer->GetActiveCamera();
+  camera->GetDirectionOfProjection(n);
+  camera->GetViewUp(up);
+  look_from(-Vector3(n[0], n[1], n[2]), Vector3(up[0], up[1], up[2]));
+}
+
+/// Of the visible layers' boxes.
+Vector3 Scene3d::Impl::middle() const {
+  Vector3 sum = Vector3::Zero();
+  int n = 0;
+  for (const Layer& layer : layers.layers())
+    if (layer.visible && layer.mesh && !layer.mesh->vertices_mm.empty())
+      sum += layer.pose * bounding_box(*layer.mesh).centre_mm(), ++n;
+  return n ? Vector3(sum / n) : sum;
 }
 
 void Scene3d::look_at(const Vector3& point_mm, double width_mm) {
@@ -296,6 +331,7 @@ void Scene3d::look_at(const Vector3& point_mm, double width_mm) {
   double n[3];
   camera->GetDirectionOfProjection(n);
   const double distance = 0.5 * width_mm / std::tan(0.5 * camera->GetViewAngle() * 0.017453292519943295);
+  impl_->fitted = false;
   const Vector3 eye = point_mm - distance * Vector3(n[0], n[1], n[2]);
   camera->SetFocalPoint(point_mm.data());
   camera->SetPosition(eye.data());

@@ -85,7 +85,7 @@ void FramesView::paintEvent(QPaintEvent*) {
   painter.setRenderHint(QPainter::Antialiasing);
   if (!graph_ || graph_->edges().empty()) {
     painter.setPen(QColor(96, 103, 116));
-    painter.drawText(rect(), Qt::AlignCenter,
+    painter.drawText(rect().adjusted(12, 0, -12, 0), Qt::AlignCenter | Qt::TextWordWrap,
                      "No frames are registered yet: 'gnathion run' makes the graph.");
     return;
   }

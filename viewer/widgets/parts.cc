@@ -102,14 +102,18 @@ StepStatus::StepStatus(const QString& object_name) {
   column->addWidget(text_);
 }
 
+/// A long name breaks at its commas and strokes: it must not widen the panel.
+static QString breakable(const std::string& text) {
+  return QString::fromStdString(text).toHtmlEscaped().replace(QRegExp("([,/_])(?=\\S)"), "\\1\u200b");
+}
+
 void StepStatus::show_state(const QStringList& done, const std::vector<Absence>& missing) {
   QStringList lines;
   for (const QString& line : done) lines << "<span style='color:#00694d'>✓</span> " + line;
   for (const Absence& a : missing)
     lines << QString("<span style='color:%1'>%2 <b>%3</b></span>: %4")
                  .arg(a.broken ? "#a01e14" : "#7a4600", a.broken ? "✗" : "○",
-                      QString::fromStdString(a.what).toHtmlEscaped(),
-                      QString::fromStdString(a.why).toHtmlEscaped());
+                      QString::fromStdString(a.what).toHtmlEscaped(), breakable(a.why));
   text_->setText(lines.join("<br>"));
   setVisible(!lines.isEmpty());
 }

@@ -120,7 +120,7 @@ void ProfilePlot::draw_grid(QPainter& painter) const {
     painter.setPen(kFaint);
     painter.drawLine(QPointF(0, at), QPointF(width(), at));
     painter.setPen(kTick);
-    if (at > 24 && at < height() - 24) painter.drawText(QRectF(3, at - 15, 40, 14), Qt::AlignLeft, text(y));
+    if (at > 36 && at < height() - 24) painter.drawText(QRectF(3, at - 15, 40, 14), Qt::AlignLeft, text(y));
   }
   painter.setPen(kTick);
   painter.drawText(QRectF(width() - 240, height() - 30, 236, 14), Qt::AlignRight, x_label_);

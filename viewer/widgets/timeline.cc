@@ -171,7 +171,7 @@ void Timeline::paintEvent(QPaintEvent*) {
   painter.fillRect(rect(), Qt::white);
   if (samples_.empty()) {
     painter.setPen(kTick);
-    painter.drawText(rect(), Qt::AlignCenter,
+    painter.drawText(rect().adjusted(12, 0, -12, 0), Qt::AlignCenter | Qt::TextWordWrap,
                      "No motion in this case yet: record one in Capture, or run the case.");
     return;
   }
