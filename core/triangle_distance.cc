@@ -6,28 +6,49 @@
 namespace gnathion {
 namespace {
 
-TrianglePoint at_vertex(const Vector3& p, const Vector3& corner, int k) {
-  TrianglePoint result;
-  result.point_mm = corner;
-  result.barycentric[k] = 1.0;
-  result.feature = static_cast<TriangleFeature>(static_cast<int>(TriangleFeature::kVertex0) + k);
-  result.squared_distance = (p - corner).squaredNorm();
-  return result;
-}
+/// The point of one side that is closest, before it is written out.
+struct OnSide {
+  double s = 0.0;  ///< from corner k (0) to corner k + 1 (1)
+  double squared_distance = std::numeric_limits<double>::infinity();
+  int k = 0;
+};
 
-/// On the segment between corners k and k+1.
-TrianglePoint on_segment(const Vector3& p, const Vector3& from, const Vector3& to, int k) {
+/// On the segment between corners k and k+1; kept if it is closer.
+inline void consider_segment(const Vector3& p, const Vector3& from, const Vector3& to, int k, OnSide& best) {
   const Vector3 along = to - from;
   const double length2 = along.squaredNorm();
   const double s = length2 > 0.0 ? along.dot(p - from) / length2 : 0.0;
-  if (!(s > 0.0)) return at_vertex(p, from, k);
-  if (s >= 1.0) return at_vertex(p, to, (k + 1) % 3);
+  OnSide found{0.0, 0.0, k};
+  if (!(s > 0.0)) {
+    found.squared_distance = (p - from).squaredNorm();
+  } else if (s >= 1.0) {
+    found.s = 1.0;
+    found.squared_distance = (p - to).squaredNorm();
+  } else {
+    found.s = s;
+    found.squared_distance = (p - (from + s * along)).squaredNorm();
+  }
+  if (found.squared_distance < best.squared_distance) best = found;
+}
+
+TrianglePoint written_out(const OnSide& side, const Vector3& from, const Vector3& to) {
   TrianglePoint result;
-  result.point_mm = from + s * along;
-  result.barycentric[k] = 1.0 - s;
-  result.barycentric[(k + 1) % 3] = s;
-  result.feature = static_cast<TriangleFeature>(static_cast<int>(TriangleFeature::kEdge0) + k);
-  result.squared_distance = (p - result.point_mm).squaredNorm();
+  const int k = side.k, next = (k + 1) % 3;
+  result.squared_distance = side.squared_distance;
+  const auto feature = [](TriangleFeature first, int i) {
+    return static_cast<TriangleFeature>(static_cast<int>(first) + i);
+  };
+  if (side.s == 0.0 || side.s == 1.0) {
+    const bool at_from = side.s == 0.0;
+    result.point_mm = at_from ? from : to;
+    result.barycentric[at_from ? k : next] = 1.0;
+    result.feature = feature(TriangleFeature::kVertex0, at_from ? k : next);
+    return result;
+  }
+  result.point_mm = from + side.s * (to - from);
+  result.barycentric[k] = 1.0 - side.s;
+  result.barycentric[next] = side.s;
+  result.feature = feature(TriangleFeature::kEdge0, k);
   return result;
 }
 
@@ -56,15 +77,12 @@ TrianglePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vect
   }
   // The foot is outside: the closest point is on a side that has the foot on its outer side. From anywhere
   // else on the rim a step towards p would stay in the triangle and come nearer.
-  TrianglePoint best;
-  best.squared_distance = std::numeric_limits<double>::infinity();
-  const auto consider = [&](const TrianglePoint& other) {
-    if (other.squared_distance < best.squared_distance) best = other;
-  };
-  if (!(w > 0.0)) consider(on_segment(p, a, b, 0));
-  if (!(u > 0.0)) consider(on_segment(p, b, c, 1));
-  if (!(v > 0.0)) consider(on_segment(p, c, a, 2));
-  return best;
+  OnSide best;
+  if (!(w > 0.0)) consider_segment(p, a, b, 0, best);
+  if (!(u > 0.0)) consider_segment(p, b, c, 1, best);
+  if (!(v > 0.0)) consider_segment(p, c, a, 2, best);
+  const Vector3* const corners[3] = {&a, &b, &c};
+  return written_out(best, *corners[best.k], *corners[(best.k + 1) % 3]);
 }
 
 }  // namespace gnathion

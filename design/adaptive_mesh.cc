@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <utility>
 
-#include "core/check.h"
-#include "core/point_groups.h"
+#include <tbb/parallel_sort.h>
+
 #include "core/triangle_distance.h"
 #include "design/parallel.h"
 
@@ -25,12 +27,18 @@ struct Collapse {
   double quality = -1.0;
 };
 
-/// Sine of a triangle's sharpest corner: twice the area over the product of the two longest sides.
-double sine_of_sharpest(const Vector3& a, const Vector3& b, const Vector3& c) {
-  const double ab = (b - a).squaredNorm(), bc = (c - b).squaredNorm(), ca = (a - c).squaredNorm();
-  const double least = std::min({ab, bc, ca});
-  return least > 0.0 ? std::sqrt((b - a).cross(c - a).squaredNorm() * least / (ab * bc * ca)) : 0.0;
-}
+/// A triangle of a vertex's fan: its side opposite to the vertex, and what does not depend on where the
+/// vertex goes.
+struct Opposite {
+  std::uint32_t p = kNone, q = kNone;
+  Vector3 at_p, at_q;
+  Vector3 normal;  ///< not normalised, as it is
+  double normal2 = 0.0, length2 = 0.0;
+};
+struct OppositeSides {
+  std::array<Opposite, kMostNeighbours> sides;
+  std::size_t count = 0;
+};
 
 class Simplifier {
  public:
@@ -48,6 +56,10 @@ class Simplifier {
         refused_(places_.size(), 0),
         tolerance_(places_.size(), 0.0) {
     parallel_each(places_.size(), [&](std::size_t v) { tolerance_[v] = options_.tolerance_mm(places_[v]); });
+    std::vector<std::uint32_t> size(places_.size(), 0);
+    for (const Triangle& t : triangles_)
+      for (const std::uint32_t v : t) ++size[v];
+    parallel_each(fans_.size(), [&](std::size_t v) { fans_[v].reserve(size[v] + 2); });
     for (std::uint32_t t = 0; t < triangles_.size(); ++t)
       for (const std::uint32_t v : triangles_[t]) fans_[v].push_back(t);
   }
@@ -69,27 +81,39 @@ class Simplifier {
   /// One round over blocks whose borders lie elsewhere in each round: a block changes only what is all its
   /// own, so blocks do not meet. Returns whether enough was removed for another round to pay.
   bool collapse_all(int round) {
-    std::vector<std::uint32_t> alive;
-    for (std::uint32_t v = 0; v < fans_.size(); ++v)
-      if (!fans_[v].empty()) alive.push_back(v);
-    // The grid stands still, held by one far corner; the vertices move through it from round to round.
-    std::vector<Vector3> shifted;
+    // The grid stands still; the vertices move through it from round to round.
     const Vector3 shift = Vector3::Constant(kBlockMm * 0.37 * round);
-    for (const std::uint32_t v : alive) shifted.push_back(places_[v] + shift);
-    shifted.push_back(Vector3::Constant(-1000.0));
-    const PointGroups groups = grouped_by_place(shifted, kBlockMm);
-    for (std::uint32_t g = 0; g < groups.size(); ++g)
-      for (const std::uint32_t* p = groups.begin(g); p != groups.end(g); ++p)
-        if (*p < alive.size()) block_[alive[*p]] = g;
+    parallel_each(places_.size(), [&](std::size_t v) { block_[v] = block_at(places_[v] + shift); });
+    std::size_t alive = 0;
+    std::vector<std::pair<std::uint64_t, std::uint32_t>> wanted;  // by block, then in order
+    for (std::uint32_t v = 0; v < fans_.size(); ++v) {
+      if (fans_[v].empty()) continue;
+      ++alive;
+      if (!refused_[v] && tolerance_[v] > 0.0) wanted.emplace_back(block_[v], v);
+    }
+    tbb::parallel_sort(wanted.begin(), wanted.end());
+    std::vector<std::size_t> starts;
+    for (std::size_t i = 0; i < wanted.size(); ++i)
+      if (i == 0 || wanted[i].first != wanted[i - 1].first) starts.push_back(i);
+    starts.push_back(wanted.size());
     std::fill(touched_.begin(), touched_.end(), 0);
-    std::vector<std::size_t> removed(groups.size(), 0);
-    tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
-      for (const std::uint32_t* p = groups.begin(g); p != groups.end(g); ++p)
-        if (*p < alive.size()) removed[g] += collapse(alive[*p]) ? 1 : 0;
+    std::vector<std::size_t> removed(starts.size() - 1, 0);
+    tbb::parallel_for(std::size_t{0}, removed.size(), [&](std::size_t g) {
+      for (std::size_t i = starts[g]; i < starts[g + 1]; ++i)
+        removed[g] += collapse(wanted[i].second) ? 1 : 0;
     });
     std::size_t total = 0;
     for (const std::size_t n : removed) total += n;
-    return total * 50 > alive.size();
+    return total * 50 > alive;
+  }
+
+  static std::uint64_t block_at(const Vector3& p) {
+    std::uint64_t out = 0;
+    for (int d = 0; d < 3; ++d)
+      out = out << 21 |
+            (static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(p[d] / kBlockMm)) + (1 << 20)) &
+             0x1fffff);
+    return out;
   }
 
   /// Removes the vertex if a neighbour can take its place. Vertices whose surroundings changed in this round
@@ -101,9 +125,11 @@ class Simplifier {
     if (n == 0) return false;
     for (std::size_t i = 0; i < n; ++i)
       if (block_[ring[i]] != block_[v]) return false;
+    OppositeSides opposite;
+    if (!measure_opposite(v, opposite)) return false;
     Collapse best;
     for (std::size_t i = 0; i < n; ++i) {
-      const double quality = quality_of(v, ring[i], best.quality);
+      const double quality = quality_of(v, ring[i], opposite, best.quality);
       if (quality > best.quality && keeps_topology(v, ring[i], ring, n)) best = {ring[i], quality};
     }
     if (best.onto == kNone) {
@@ -147,45 +173,59 @@ class Simplifier {
     return common == 2;
   }
 
+  /// False where the fan is too large.
+  bool measure_opposite(std::uint32_t v, OppositeSides& out) const {
+    if (fans_[v].size() > kMostNeighbours) return false;
+    for (const std::uint32_t t : fans_[v]) {
+      const Triangle& corners = triangles_[t];
+      const std::size_t k = corners[0] == v ? 0 : corners[1] == v ? 1 : 2;
+      Opposite& side = out.sides[out.count++];
+      side.p = corners[(k + 1) % 3];
+      side.q = corners[(k + 2) % 3];
+      side.at_p = places_[side.p];
+      side.at_q = places_[side.q];
+      side.normal = (side.at_p - places_[v]).cross(side.at_q - places_[v]);
+      side.normal2 = side.normal.squaredNorm();
+      side.length2 = (side.at_p - side.at_q).squaredNorm();
+    }
+    return true;
+  }
+
   /// Sine of the sharpest corner among the triangles that would remain; -1 where the collapse is refused, or
   /// is not better than `least`.
-  double quality_of(std::uint32_t v, std::uint32_t onto, double least) {
-    struct Remaining {
-      Vector3 a, b, c;
-    };
-    double worst_now = 1.0;  // what is bad already may stay as bad
-    std::array<Remaining, kMostNeighbours> made{};
+  double quality_of(std::uint32_t v, std::uint32_t onto, const OppositeSides& opposite, double least) const {
+    std::array<const Opposite*, kMostNeighbours> made;
     std::size_t count = 0;
     double quality = 1.0;
     const Vector3& to = places_[onto];
     const double longest2 = options_.longest_edge_mm * options_.longest_edge_mm;
-    for (const std::uint32_t t : fans_[v]) {
-      const Triangle& corners = triangles_[t];
-      if (corners[0] == onto || corners[1] == onto || corners[2] == onto) continue;
-      const std::size_t k = corners[0] == v ? 0 : corners[1] == v ? 1 : 2;
-      const Vector3 &p = places_[corners[(k + 1) % 3]], &q = places_[corners[(k + 2) % 3]];
-      const Vector3 before = (p - places_[v]).cross(q - places_[v]), after = (p - to).cross(q - to);
-      const double area2 = after.squaredNorm();
-      worst_now = std::min(worst_now, sine_of_sharpest(places_[v], p, q));
-      const double turn = before.dot(after);
-      if (turn <= 0.0 || turn * turn < least_cosine_ * least_cosine_ * before.squaredNorm() * area2)
-        return -1.0;
-      const double pq = (p - q).squaredNorm(), qt = (q - to).squaredNorm(), tp = (to - p).squaredNorm();
+    for (std::size_t i = 0; i < opposite.count; ++i) {
+      const Opposite& side = opposite.sides[i];
+      if (side.p == onto || side.q == onto) continue;
+      const Vector3 from_p = side.at_p - to, from_q = side.at_q - to, after = from_p.cross(from_q);
+      const double area2 = after.squaredNorm(), turn = side.normal.dot(after);
+      if (turn <= 0.0 || turn * turn < least_cosine_ * least_cosine_ * side.normal2 * area2) return -1.0;
+      const double qt = from_q.squaredNorm(), tp = from_p.squaredNorm();
       if (std::max(qt, tp) > longest2) return -1.0;
       // Twice the area over the product of the two longest sides: the sine between them, the sharpest
       // corner's.
-      const double sides2 = pq * qt * tp / std::min({pq, qt, tp});
+      const double sides2 = side.length2 * qt * tp / std::min({side.length2, qt, tp});
       quality = std::min(quality, std::sqrt(area2 / sides2));
-      if (quality < least_sine_ || quality <= least || count == kMostNeighbours) return -1.0;
-      made[count++] = {to, p, q};
+      if (quality < least_sine_ || quality <= least) return -1.0;
+      made[count++] = &side;
     }
-    if (count == 0 || quality < std::min(least_sine_, worst_now)) return -1.0;
+    if (count == 0) return -1.0;
+    std::size_t last = 0;  // where the one before was near: often near again
     const auto near_enough = [&](std::uint32_t ghost) {
       const double tolerance = tolerance_[ghost];
-      for (std::size_t i = 0; i < count; ++i)
-        if (closest_on_triangle(places_[ghost], made[i].a, made[i].b, made[i].c).squared_distance <=
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::size_t n = (last + i) % count;
+        if (closest_on_triangle(places_[ghost], to, made[n]->at_p, made[n]->at_q).squared_distance >
             tolerance * tolerance)
-          return true;
+          continue;
+        last = n;
+        return true;
+      }
       return false;
     };
     if (!near_enough(v)) return -1.0;
@@ -197,8 +237,11 @@ class Simplifier {
 
   void apply(std::uint32_t v, std::uint32_t onto) {
     // The vertex and those that its triangles stood for go to the nearest of the new triangles.
-    std::vector<std::uint32_t> ghosts = {v};
-    std::vector<std::uint32_t> remaining;
+    std::vector<std::uint32_t> ghosts;
+    ghosts.reserve(32);
+    ghosts.push_back(v);
+    std::array<std::uint32_t, kMostNeighbours> remaining{};
+    std::size_t count = 0;
     for (const std::uint32_t t : fans_[v]) {
       for (std::uint32_t ghost = first_ghost_[t]; ghost != kNone; ghost = next_ghost_[ghost])
         ghosts.push_back(ghost);
@@ -212,13 +255,14 @@ class Simplifier {
       }
       *std::find(corners.begin(), corners.end(), v) = onto;
       fans_[onto].push_back(t);
-      remaining.push_back(t);
+      remaining[count++] = t;
     }
     fans_[v].clear();
     for (const std::uint32_t ghost : ghosts) {
-      std::uint32_t nearest = remaining.front();
+      std::uint32_t nearest = remaining[0];
       double least = 1e300;
-      for (const std::uint32_t t : remaining) {
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::uint32_t t = remaining[i];
         const Triangle& c = triangles_[t];
         const double d =
             closest_on_triangle(places_[ghost], places_[c[0]], places_[c[1]], places_[c[2]]).squared_distance;
@@ -235,9 +279,9 @@ class Simplifier {
   const AdaptiveMeshOptions& options_;
   const double least_sine_, least_cosine_;
   std::vector<Vector3> places_;
-  std::vector<Triangle> triangles_;  ///< kNone: removed
-  std::vector<Fan> fans_;            ///< empty: removed
-  std::vector<std::uint32_t> block_;
+  std::vector<Triangle> triangles_;   ///< kNone: removed
+  std::vector<Fan> fans_;             ///< empty: removed
+  std::vector<std::uint64_t> block_;  ///< of each vertex in this round
   std::vector<std::uint32_t> first_ghost_,
       next_ghost_;  ///< removed vertices by the triangle that stands for them
   std::vector<char> touched_, refused_;

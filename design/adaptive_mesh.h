@@ -12,7 +12,7 @@ struct AdaptiveMeshOptions {
   /// Thread-safe.
   std::function<double(const Vector3&)> tolerance_mm;
   double longest_edge_mm = 1.5;
-  double sharpest_corner_deg = 5.0;  ///< sharper triangles are not made where there was none as sharp
+  double sharpest_corner_deg = 5.0;  ///< sharper triangles are not made
   double largest_turn_deg = 40.0;    ///< of a triangle's normal, in one step
   int rounds = 10;
 };

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 
 #include "design/parallel.h"
 
@@ -31,21 +33,20 @@ double eikonal_update(double a, double b, double c) {
   return (s + std::sqrt(std::max(0.0, s * s - 3.0 * (q - 1.0)))) / 3.0;
 }
 
-/// Distance in units of the spacing from a node to the level along each axis, where it is crossed.
-double distance_beside_level(const CoarseGrid& f, int i, int j, int k) {
-  const double here = f.at(i, j, k);
-  const std::array<int, 3> at = {i, j, k};
+/// Distance in units of the spacing from a node to the level along each axis, where it is crossed; negative
+/// where it is not. `node` points into the samples.
+double distance_beside_level(const float* node, const std::array<std::ptrdiff_t, 3>& stride,
+                             const std::array<bool, 3>& at_start, const std::array<bool, 3>& at_end) {
+  const double here = *node;
+  const bool in = here <= 0.0;
   double inverse_squares = 0.0;
-  for (int d = 0; d < 3; ++d) {
+  for (std::size_t d = 0; d < 3; ++d) {
     double nearest = 2.0;
-    for (const int step : {-1, 1}) {
-      std::array<int, 3> n = at;
-      n[static_cast<std::size_t>(d)] += step;
-      if (n[static_cast<std::size_t>(d)] < 0 || n[static_cast<std::size_t>(d)] >= f.shape().nodes[d])
-        continue;
-      const double there = f.at(n[0], n[1], n[2]);
-      if ((here <= 0.0) != (there <= 0.0)) nearest = std::min(nearest, here / (here - there));
-    }
+    const auto look = [&](double there) {
+      if (in != (there <= 0.0)) nearest = std::min(nearest, here / (here - there));
+    };
+    if (!at_start[d]) look(node[-stride[d]]);
+    if (!at_end[d]) look(node[stride[d]]);
     if (nearest < 2.0) inverse_squares += 1.0 / std::max(1e-12, nearest * nearest);
   }
   return inverse_squares > 0.0 ? 1.0 / std::sqrt(inverse_squares) : -1.0;
@@ -74,22 +75,37 @@ double CoarseGrid::linear(const GridCell& c) const {
          x * ((1.0 - y) * along(v + i) + y * along(v + i + j));
 }
 
+std::pair<float, float> CoarseGrid::range(const GridCell& c) const {
+  const std::size_t j = static_cast<std::size_t>(shape_.nodes.z());
+  const std::size_t i = j * static_cast<std::size_t>(shape_.nodes.y());
+  const float* v = &values_[shape_.index(c.index.x(), c.index.y(), c.index.z())];
+  return std::minmax({v[0], v[1], v[j], v[j + 1], v[i], v[i + 1], v[i + j], v[i + j + 1]});
+}
+
 double CoarseGrid::smooth(const Vector3& p_mm) const {
-  const GridCell c = located(shape_, p_mm);
+  return smooth(located(shape_, p_mm));
+}
+
+double CoarseGrid::smooth(const GridCell& c) const {
   const auto wx = spline_weights(c.fraction.x());
   const auto wy = spline_weights(c.fraction.y());
   const auto wz = spline_weights(c.fraction.z());
+  const int first = c.index.z() - 1, last = shape_.nodes.z() - 1;
+  const bool within = first >= 0 && first + 3 <= last;
   double sum = 0.0;
-  for (int di = 0; di < 4; ++di) {
-    const int i = std::clamp(c.index.x() + di - 1, 0, shape_.nodes.x() - 1);
-    for (int dj = 0; dj < 4; ++dj) {
-      const int j = std::clamp(c.index.y() + dj - 1, 0, shape_.nodes.y() - 1);
+  for (std::size_t di = 0; di < 4; ++di) {
+    const int i = std::clamp(c.index.x() + static_cast<int>(di) - 1, 0, shape_.nodes.x() - 1);
+    for (std::size_t dj = 0; dj < 4; ++dj) {
+      const int j = std::clamp(c.index.y() + static_cast<int>(dj) - 1, 0, shape_.nodes.y() - 1);
       const float* z = column(i, j);
       double along = 0.0;
-      for (int dk = 0; dk < 4; ++dk)
-        along +=
-            wz[static_cast<std::size_t>(dk)] * z[std::clamp(c.index.z() + dk - 1, 0, shape_.nodes.z() - 1)];
-      sum += wx[static_cast<std::size_t>(di)] * wy[static_cast<std::size_t>(dj)] * along;
+      if (within) {
+        for (std::size_t dk = 0; dk < 4; ++dk) along += wz[dk] * z[static_cast<std::size_t>(first) + dk];
+      } else {
+        for (std::size_t dk = 0; dk < 4; ++dk)
+          along += wz[dk] * z[std::clamp(first + static_cast<int>(dk), 0, last)];
+      }
+      sum += wx[di] * wy[dj] * along;
     }
   }
   return sum;
@@ -140,10 +156,60 @@ CoarseGrid sheared(const CoarseGrid& f, double sx, double sy, const GridShape& s
   return out;
 }
 
+namespace {
+
+/// First and last node of a column that a sweep can reach; none where last < first.
+struct Span {
+  std::int32_t first = std::numeric_limits<std::int32_t>::max(), last = -1;
+  void join(const Span& other) {
+    first = std::min(first, other.first);
+    last = std::max(last, other.last);
+  }
+};
+
+/// By column, the nodes within `reach` nodes of a fixed one, along each axis.
+std::vector<Span> spans_about(const GridShape& shape, const std::vector<char>& fixed, int reach) {
+  const int nx = shape.nodes.x(), ny = shape.nodes.y(), nz = shape.nodes.z();
+  const auto at = [&](int i, int j) {
+    return static_cast<std::size_t>(i) * static_cast<std::size_t>(ny) + j;
+  };
+  std::vector<Span> own(static_cast<std::size_t>(nx) * static_cast<std::size_t>(ny)), rows(own.size());
+  parallel_each(nx, [&](int i) {
+    for (int j = 0; j < ny; ++j) {
+      const char* keep = &fixed[shape.index(i, j, 0)];
+      const char* const first = std::find(keep, keep + nz, char{1});
+      if (first == keep + nz) continue;
+      int last = nz - 1;
+      while (!keep[last]) --last;
+      own[at(i, j)] = {static_cast<std::int32_t>(first - keep), last};
+    }
+    for (int j = 0; j < ny; ++j)
+      for (int b = std::max(0, j - reach); b <= std::min(ny - 1, j + reach); ++b)
+        rows[at(i, j)].join(own[at(i, b)]);
+  });
+  parallel_each(nx, [&](int i) {
+    for (int j = 0; j < ny; ++j) {
+      Span span;
+      for (int a = std::max(0, i - reach); a <= std::min(nx - 1, i + reach); ++a) span.join(rows[at(a, j)]);
+      if (span.last >= 0) span = {std::max(0, span.first - reach), std::min(nz - 1, span.last + reach)};
+      own[at(i, j)] = span;
+    }
+  });
+  return own;
+}
+
+}  // namespace
+
 void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_mm) {
   const auto n = d.shape().nodes;
   const auto far = static_cast<float>(far_mm);
   const double h = d.shape().spacing_mm;
+  double nearest = far_mm;
+  for (std::size_t i = 0; i < fixed.size(); ++i)
+    if (fixed[i]) nearest = std::min(nearest, static_cast<double>(d.values()[i]));
+  // Distances grow by at least one spacing a node along the axis that leads farthest away.
+  const int reach = static_cast<int>(std::ceil((far_mm - nearest) / h)) + 1;
+  const std::vector<Span> spans = spans_about(d.shape(), fixed, reach);
   // Eight sweeps, one per octant of directions; one round is exact but at kinks, where a second one adds
   // little.
   for (int octant = 0; octant < 8; ++octant) {
@@ -151,17 +217,18 @@ void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_m
     for (int a = 0; a < n.x(); ++a)
       for (int b = 0; b < n.y(); ++b) {
         const int i = sx ? n.x() - 1 - a : a, j = sy ? n.y() - 1 - b : b;
+        const Span span = spans[static_cast<std::size_t>(i) * static_cast<std::size_t>(n.y()) + j];
         float* here = d.column(i, j);
-        const float* before_x = i > 0 ? d.column(i - 1, j) : nullptr;
-        const float* after_x = i + 1 < n.x() ? d.column(i + 1, j) : nullptr;
-        const float* before_y = j > 0 ? d.column(i, j - 1) : nullptr;
-        const float* after_y = j + 1 < n.y() ? d.column(i, j + 1) : nullptr;
+        // Beyond the box's ends the column stands for its own neighbour: no node is nearer than itself.
+        const float* before_x = d.column(std::max(i - 1, 0), j);
+        const float* after_x = d.column(std::min(i + 1, n.x() - 1), j);
+        const float* before_y = d.column(i, std::max(j - 1, 0));
+        const float* after_y = d.column(i, std::min(j + 1, n.y() - 1));
         const char* keep = &fixed[d.shape().index(i, j, 0)];
-        for (int c = 0; c < n.z(); ++c) {
-          const int k = sz ? n.z() - 1 - c : c;
+        const int step = sz ? -1 : 1;
+        for (int k = sz ? span.last : span.first; k >= span.first && k <= span.last; k += step) {
           if (keep[k]) continue;
-          const float x = std::min(before_x ? before_x[k] : far, after_x ? after_x[k] : far);
-          const float y = std::min(before_y ? before_y[k] : far, after_y ? after_y[k] : far);
+          const float x = std::min(before_x[k], after_x[k]), y = std::min(before_y[k], after_y[k]);
           const float z = std::min(k > 0 ? here[k - 1] : far, k + 1 < n.z() ? here[k + 1] : far);
           const float least = std::min({x, y, z});
           if (least >= far || least >= here[k]) continue;
@@ -173,16 +240,21 @@ void sweep_distances(CoarseGrid& d, const std::vector<char>& fixed, double far_m
 
 CoarseGrid redistanced(const CoarseGrid& f, double band_mm) {
   const GridShape& shape = f.shape();
+  const Eigen::Vector3i n = shape.nodes;
   CoarseGrid d(shape, static_cast<float>(band_mm));
   std::vector<char> fixed(shape.size(), 0);
-  parallel_each(shape.nodes.x(), [&](int i) {
-    for (int j = 0; j < shape.nodes.y(); ++j)
-      for (int k = 0; k < shape.nodes.z(); ++k) {
-        const double beside = distance_beside_level(f, i, j, k);
+  const std::array<std::ptrdiff_t, 3> stride = {static_cast<std::ptrdiff_t>(n.y()) * n.z(), n.z(), 1};
+  parallel_each(n.x(), [&](int i) {
+    for (int j = 0; j < n.y(); ++j) {
+      const float* column = f.column(i, j);
+      for (int k = 0; k < n.z(); ++k) {
+        const double beside = distance_beside_level(column + k, stride, {i == 0, j == 0, k == 0},
+                                                    {i + 1 == n.x(), j + 1 == n.y(), k + 1 == n.z()});
         if (beside < 0.0) continue;
         d.at(i, j, k) = static_cast<float>(beside * shape.spacing_mm);
         fixed[shape.index(i, j, k)] = 1;
       }
+    }
   });
   sweep_distances(d, fixed, band_mm);
   for (std::size_t i = 0; i < d.values().size(); ++i)

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "core/rigid.h"
@@ -52,8 +53,11 @@ class CoarseGrid {
   /// Trilinear interpolation.
   double linear(const Vector3& p_mm) const { return linear(located(shape_, p_mm)); }
   double linear(const GridCell& cell) const;
+  /// Least and greatest of the cell's corners.
+  std::pair<float, float> range(const GridCell& cell) const;
   /// Uniform cubic B-spline with the samples as coefficients: C2, smooths by about spacing²·curvature/6.
   double smooth(const Vector3& p_mm) const;
+  double smooth(const GridCell& cell) const;
 
  private:
   GridShape shape_;

@@ -13,6 +13,8 @@ namespace {
 
 constexpr double kEndMargin =
     0.02;  // vertices keep this part of an edge from its ends: no degenerate triangles
+constexpr double kReachSpacings =
+    0.35;  // of the level from a cell's corners, at first; it is followed from there
 constexpr int kNone = -1;
 
 /// Calls body(x, y, z) for every node of a block of side k, z fastest.
@@ -48,6 +50,7 @@ class Extractor {
 
  private:
   using Index = Eigen::Vector3i;
+  enum class Side : char { kInside, kOutside, kBoth };
 
   std::size_t cell_id(const Index& c) const {
     return (static_cast<std::size_t>(c.x()) * static_cast<std::size_t>(cells_.y()) +
@@ -99,7 +102,45 @@ class Extractor {
         }
     return n;
   }
+  /// Whether no edge between a block's nodes, or from them to the blocks about it (those on its upper sides,
+  /// or all that share a face with it), crosses the level.
+  bool uniform(const Neighbourhood& near, bool faces_only) const {
+    static constexpr std::array<std::size_t, 8> kUpper = {13, 14, 16, 17, 22, 23, 25, 26};
+    static constexpr std::array<std::size_t, 7> kFaces = {13, 4, 10, 12, 14, 16, 22};
+    const auto side = [&](std::size_t n) {
+      return near.first[n] == kNone ? Side::kOutside
+                                    : side_[static_cast<std::size_t>(near.first[n]) / block_size_];
+    };
+    const Side own = side(13);
+    const auto same = [&](std::size_t n) { return side(n) == own; };
+    if (own == Side::kBoth) return false;
+    return faces_only ? std::all_of(kFaces.begin(), kFaces.end(), same)
+                      : std::all_of(kUpper.begin(), kUpper.end(), same);
+  }
+  /// Copies of a block's samples with those about it, from node `low` (0 or -1) to k on each axis, z fastest.
   /// Beyond the box, and in cells that are not held, all is outside.
+  std::vector<float> tile(const Neighbourhood& near, int low) const {
+    const auto side = static_cast<std::size_t>(k_ + 1 - low);
+    std::vector<float> out(side * side * side);
+    float* to = out.data();
+    const auto row = [&](std::size_t block, std::ptrdiff_t offset, int count) {
+      if (near.first[block] == kNone)
+        to = std::fill_n(to, count, 1.0f);
+      else
+        to = std::copy_n(&values_[static_cast<std::size_t>(near.first[block] + offset)], count, to);
+    };
+    for (int x = low; x <= k_; ++x)
+      for (int y = low; y <= k_; ++y) {
+        const int bx = x < 0 ? 0 : x < k_ ? 1 : 2, by = y < 0 ? 0 : y < k_ ? 1 : 2;
+        const auto block = static_cast<std::size_t>((bx * 3 + by) * 3);
+        const std::ptrdiff_t offset = ((x - (bx - 1) * k_) * k_ + (y - (by - 1) * k_)) * k_;
+        if (low < 0) row(block, offset + k_ - 1, 1);
+        row(block + 1, offset, k_);
+        row(block + 2, offset, 1);
+      }
+    return out;
+  }
+  /// As in tile().
   float value(std::ptrdiff_t slot) const {
     return slot == kNone ? 1.0f : values_[static_cast<std::size_t>(slot)];
   }
@@ -110,11 +151,11 @@ class Extractor {
     parallel_each(coarse_.nodes.x(), [&](int i) {
       for (int j = 0; j < coarse_.nodes.y(); ++j)
         for (int k = 0; k < coarse_.nodes.z(); ++k)
-          corner[coarse_.index(i, j, k)] = static_cast<float>(field_.estimate(coarse_.position(i, j, k)));
+          estimate_cell({i, j, k}, 1, &corner[coarse_.index(i, j, k)]);
     });
-    const float reach = static_cast<float>(0.6 * coarse_.spacing_mm);
-    std::vector<std::size_t> out;
-    for (std::size_t id = 0; id < active_.size(); ++id) {
+    const float reach = static_cast<float>(kReachSpacings * coarse_.spacing_mm);
+    std::vector<char> passed(active_.size(), 0);
+    parallel_each(passed.size(), [&](std::size_t id) {
       const Index c = cell_at(id);
       float low = 1e9f, high = -1e9f;
       for (int n = 0; n < 8; ++n) {
@@ -122,9 +163,22 @@ class Extractor {
         low = std::min(low, v);
         high = std::max(high, v);
       }
-      if (low <= reach && high >= -reach) out.push_back(id);
-    }
+      passed[id] = low <= reach && high >= -reach ? 1 : 0;
+    });
+    std::vector<std::size_t> out;
+    for (std::size_t id = 0; id < passed.size(); ++id)
+      if (passed[id]) out.push_back(id);
     return out;
+  }
+
+  /// Estimates at the nodes of a cell, k a side.
+  void estimate_cell(const Index& cell, int k, float* values) const {
+    if (field_.estimate_cell && in_box(cell)) return field_.estimate_cell(cell, k, values);
+    const double step = coarse_.spacing_mm / k;
+    const Vector3 low = coarse_.position(cell.x(), cell.y(), cell.z());
+    each_node(k, [&](int x, int y, int z) {
+      *values++ = static_cast<float>(field_.estimate(low + step * Vector3(x, y, z)));
+    });
   }
 
   /// Adds blocks for the cells and for the nodes on their upper faces, and samples what is new. Returns the
@@ -146,6 +200,7 @@ class Extractor {
     }
     values_.resize(cell_of_block_.size() * block_size_);
     is_exact_.resize(values_.size(), 0);
+    side_.resize(cell_of_block_.size(), Side::kBoth);
     parallel_each(fresh.size(), [&](std::size_t f) { sample_block(fresh[f]); });
     return fresh;
   }
@@ -155,16 +210,23 @@ class Extractor {
   }
 
   void sample_block(std::size_t cell) {
-    const Index base = cell_at(cell) * k_;
-    const std::size_t first = first_slot(cell);
+    float* values = &values_[first_slot(cell)];
+    estimate_cell(cell_at(cell), k_, values);
     std::vector<int> ask;
-    each_node(k_, [&](int x, int y, int z) {
-      const int i = in_block(x, y, z);
-      const double estimate = field_.estimate(position(base + Index(x, y, z)));
-      values_[first + static_cast<std::size_t>(i)] = static_cast<float>(estimate);
-      if (std::abs(estimate) < field_.sure_mm) ask.push_back(i);
-    });
+    for (int i = 0; i < static_cast<int>(block_size_); ++i)
+      if (std::abs(values[i]) < field_.sure_mm) ask.push_back(i);
     make_exact(cell, ask);
+    note_side(cell);
+  }
+
+  /// Whether a block lies on one side as a whole.
+  void note_side(std::size_t cell) {
+    const float* values = &values_[first_slot(cell)];
+    std::size_t in = 0;
+    for (std::size_t i = 0; i < block_size_; ++i) in += values[i] < 0.0f ? 1 : 0;
+    side_[static_cast<std::size_t>(block_of_[cell])] = in == 0             ? Side::kOutside
+                                                       : in == block_size_ ? Side::kInside
+                                                                           : Side::kBoth;
   }
 
   void make_exact(std::size_t cell, const std::vector<int>& nodes) {
@@ -185,16 +247,18 @@ class Extractor {
   std::vector<int> estimates_beside_level(std::size_t cell) const {
     const Neighbourhood near = neighbourhood(cell_at(cell));
     std::vector<int> out;
+    if (uniform(near, true)) return out;
+    const std::vector<float> around = tile(near, -1);
+    const std::ptrdiff_t side = k_ + 2;
+    const std::size_t first = first_slot(cell);
     each_node(k_, [&](int x, int y, int z) {
-      const auto slot = static_cast<std::size_t>(near.slot(x, y, z));
-      if (is_exact_[slot]) return;
-      const bool in = values_[slot] < 0.0f;
-      const auto crossed = [&](int dx, int dy, int dz) {
-        return (value(near.slot(x + dx, y + dy, z + dz)) < 0.0f) != in;
+      if (is_exact_[first + static_cast<std::size_t>(in_block(x, y, z))]) return;
+      const float* here = &around[static_cast<std::size_t>(((x + 1) * side + y + 1) * side + z + 1)];
+      const bool in = *here < 0.0f;
+      const auto crossed = [&](std::ptrdiff_t step) {
+        return (here[step] < 0.0f) != in || (here[-step] < 0.0f) != in;
       };
-      if (crossed(1, 0, 0) || crossed(-1, 0, 0) || crossed(0, 1, 0) || crossed(0, -1, 0) ||
-          crossed(0, 0, 1) || crossed(0, 0, -1))
-        out.push_back(in_block(x, y, z));
+      if (crossed(side * side) || crossed(side) || crossed(1)) out.push_back(in_block(x, y, z));
     });
     return out;
   }
@@ -206,7 +270,10 @@ class Extractor {
     while (!look.empty()) {
       std::vector<std::vector<int>> ask(look.size());
       parallel_each(look.size(), [&](std::size_t i) { ask[i] = estimates_beside_level(look[i]); });
-      parallel_each(look.size(), [&](std::size_t i) { make_exact(look[i], ask[i]); });
+      parallel_each(look.size(), [&](std::size_t i) {
+        make_exact(look[i], ask[i]);
+        if (!ask[i].empty()) note_side(look[i]);
+      });
       std::vector<std::size_t> changed;
       for (std::size_t i = 0; i < look.size(); ++i)
         if (!ask[i].empty()) changed.push_back(look[i]);
@@ -251,6 +318,7 @@ class Extractor {
   unsigned char crossed_sides(const Index& cell) const {
     const Neighbourhood near = neighbourhood(cell);
     unsigned char out = 0;
+    if (uniform(near, false)) return out;
     for (int n = 0; n < 6; ++n) {
       Index beyond = cell;
       beyond[n / 2] += n % 2 ? 1 : -1;
@@ -307,18 +375,25 @@ class Extractor {
     const Index base = cell_at(cell) * k_;
     const Neighbourhood near = neighbourhood(cell_at(cell));
     std::size_t count = 0;
+    if (uniform(near, false)) return count;
+    const std::vector<float> around = tile(near, 0);
+    const std::size_t side = static_cast<std::size_t>(k_) + 1;
+    const std::array<std::size_t, 3> step = {side * side, side, 1};
+    const std::size_t first = first_slot(cell);
     each_node(k_, [&](int x, int y, int z) {
-      const auto slot = static_cast<std::size_t>(near.slot(x, y, z));
-      const double here = values_[slot];
-      for (int axis = 0; axis < 3; ++axis) {
-        Index other(x, y, z);
-        other[axis] += 1;
-        const double there = value(near.slot(other.x(), other.y(), other.z()));
+      const std::size_t at = static_cast<std::size_t>(x) * step[0] + static_cast<std::size_t>(y) * side +
+                             static_cast<std::size_t>(z);
+      const double here = around[at];
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double there = around[at + step[axis]];
         if ((here < 0.0) == (there < 0.0)) continue;
         const std::size_t number = start + count++;
         if (!out) continue;
+        Index other(x, y, z);
+        other[static_cast<int>(axis)] += 1;
         const double t = std::clamp(here / (here - there), kEndMargin, 1.0 - kEndMargin);
-        vertex_[slot * 3 + static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(number);
+        vertex_[(first + static_cast<std::size_t>(in_block(x, y, z))) * 3 + axis] =
+            static_cast<std::int32_t>(number);
         (*out)[number] = (1.0 - t) * position(base + Index(x, y, z)) + t * position(base + other);
       }
     });
@@ -328,10 +403,18 @@ class Extractor {
   std::size_t march_cubes(std::size_t cell, std::vector<Triangle>* out, std::size_t start) const {
     const Neighbourhood near = neighbourhood(cell_at(cell));
     std::size_t count = 0;
+    if (uniform(near, false)) return count;
+    const std::vector<float> around = tile(near, 0);
+    const int side = k_ + 1;
+    std::array<int, 8> step{};
+    for (int n = 0; n < 8; ++n)
+      step[static_cast<std::size_t>(n)] = (n & 1) * side * side + (n >> 1 & 1) * side + (n >> 2 & 1);
     each_node(k_, [&](int x, int y, int z) {
+      const float* here = &around[static_cast<std::size_t>((x * side + y) * side + z)];
       unsigned mask = 0;
-      for (int n = 0; n < 8; ++n)
-        if (value(near.slot(x + (n & 1), y + (n >> 1 & 1), z + (n >> 2 & 1))) < 0.0f) mask |= 1U << n;
+      for (unsigned n = 0; n < 8; ++n)
+        if (here[step[n]] < 0.0f) mask |= 1U << n;
+      if (mask == 0 || mask == 255) return;
       const auto& triangles = cube_table()[mask].triangles;
       if (out)
         for (std::size_t i = 0; i < triangles.size(); ++i)
@@ -357,6 +440,7 @@ class Extractor {
   std::vector<char> active_;  ///< cells that are marched
   std::vector<float> values_;
   std::vector<char> is_exact_;
+  std::vector<Side> side_;  ///< of each block
   std::vector<std::int32_t> vertex_;
 };
 

@@ -16,6 +16,9 @@ struct ExtractionField {
   std::function<void(const std::vector<Vector3>&, std::vector<double>&)> exact;
   /// Where the estimate is smaller the exact value is asked at once; elsewhere only if the level comes by.
   double sure_mm = 0.12;
+  /// estimate() at the nodes of one coarse cell's finer grid, k a side, z fastest; may be missing. Far from
+  /// the level only the sign must be right, and the value beyond sure_mm.
+  std::function<void(const Eigen::Vector3i& cell, int k, float* values)> estimate_cell = {};
 };
 
 /// `exact` from a function of single points.

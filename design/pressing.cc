@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <optional>
 
 #include "design/parallel.h"
 #include "design/solid_distance.h"
@@ -12,6 +13,8 @@ namespace gnathion {
 namespace {
 
 constexpr double kReachMm = 0.15;
+constexpr double kNearMm = 0.3;         // of a jaw by coarse distances, which are never worse than this
+constexpr double kAroundMm = 0.4;       // about what moved: closest points there have whole fans
 constexpr double kVertexReachMm = 0.4;  // a crest's tip between the grid's nodes
 constexpr double kStepMm = 0.15;        // between points that are looked at: finer than the verification's
 constexpr int kRounds = 8;
@@ -19,6 +22,84 @@ constexpr double kWayMm = 12.0;  // of the seating
 constexpr double kWayStepMm = 0.3;
 constexpr int kWayRounds = 6;
 constexpr int kAttempts = 4;  // after moves were taken back, smaller ones may do
+
+/// The cells of a grid over a mesh that the listed triangles' boxes touch: what lies about them is found
+/// again without looking at the rest.
+class Surroundings {
+ public:
+  Surroundings(const TriangleMesh& mesh, const std::vector<std::uint32_t>& triangles, double margin_mm)
+      : box_(bounding_box(mesh)), margin_mm_(margin_mm) {
+    nodes_ = (box_.size_mm() / kCellMm).cast<int>() + Eigen::Vector3i::Ones();
+    marked_.assign(static_cast<std::size_t>(nodes_.x()) * static_cast<std::size_t>(nodes_.y()) *
+                       static_cast<std::size_t>(nodes_.z()),
+                   0);
+    for (const std::uint32_t t : triangles)
+      each_cell(marked_, box_of(mesh, t), margin_mm_, [](char& cell) {
+        cell = 1;
+        return true;
+      });
+  }
+  /// Within the margin of a listed triangle, or not much farther.
+  bool hold(const Vector3& p) const {
+    Box box;
+    box.extend(p);
+    return meet(box);
+  }
+  /// The triangles that come so near, and what they are called in the whole mesh.
+  TriangleMesh part_of(const TriangleMesh& mesh, std::vector<std::uint32_t>& names) const {
+    std::vector<bool> kept(mesh.triangles.size());
+    names.clear();
+    for (std::uint32_t t = 0; t < kept.size(); ++t) {
+      kept[t] = meet(box_of(mesh, t));
+      if (kept[t]) names.push_back(t);
+    }
+    return submesh(mesh, kept);
+  }
+
+ private:
+  static constexpr double kCellMm = 0.4;
+
+  static Box box_of(const TriangleMesh& mesh, std::size_t t) {
+    Box box;
+    for (int k = 0; k < 3; ++k) box.extend(mesh.corner(t, k));
+    return box;
+  }
+  bool meet(const Box& box) const {
+    if ((box.max_mm.array() < box_.min_mm.array() - margin_mm_).any() ||
+        (box.min_mm.array() > box_.max_mm.array() + margin_mm_).any())
+      return false;
+    bool found = false;
+    each_cell(marked_, box, 0.0, [&](char cell) {
+      found = cell != 0;
+      return !found;
+    });
+    return found;
+  }
+  /// Calls body(cell) for the cells that the widened box touches, until it returns false.
+  template <class Cells, class Body>
+  void each_cell(Cells& cells, const Box& box, double margin_mm, const Body& body) const {
+    const auto cell_at = [&](const Vector3& p) -> Eigen::Vector3i {
+      return Eigen::Vector3i(((p - box_.min_mm) / kCellMm).array().floor().cast<int>())
+          .cwiseMax(0)
+          .cwiseMin(nodes_ - Eigen::Vector3i::Ones());
+    };
+    const Eigen::Vector3i low = cell_at(box.min_mm - Vector3::Constant(margin_mm));
+    const Eigen::Vector3i high = cell_at(box.max_mm + Vector3::Constant(margin_mm));
+    for (int i = low.x(); i <= high.x(); ++i)
+      for (int j = low.y(); j <= high.y(); ++j)
+        for (int k = low.z(); k <= high.z(); ++k)
+          if (!body(cells[(static_cast<std::size_t>(i) * static_cast<std::size_t>(nodes_.y()) +
+                           static_cast<std::size_t>(j)) *
+                              static_cast<std::size_t>(nodes_.z()) +
+                          static_cast<std::size_t>(k)]))
+            return;
+  }
+
+  Box box_;
+  double margin_mm_;
+  Eigen::Vector3i nodes_ = Eigen::Vector3i::Zero();
+  std::vector<char> marked_;
+};
 
 struct Push {
   Vector3 by_mm = Vector3::Zero();
@@ -68,31 +149,51 @@ void take_with_neighbours(const TriangleMesh& mesh, const std::vector<Push>& cor
   for (std::size_t v = 0; v < core.size(); ++v) pushes[v].take(core[v].by_mm);
 }
 
+/// The splint, or a part of it, as jaws' vertices look at it.
+struct Pierced {
+  MeshQuery surface;
+  std::vector<std::uint32_t> names;   ///< of its triangles in the whole mesh; empty: the same
+  std::optional<Surroundings> about;  ///< vertices beyond are not looked at
+  Triangle corners(const TriangleMesh& splint, std::uint32_t t) const {
+    return splint.triangles[names.empty() ? t : names[t]];
+  }
+};
+
+/// What moved, and so much about it that the vertices which come near find the same closest points as in the
+/// whole mesh.
+Pierced about_moved(const TriangleMesh& splint, const std::vector<std::uint32_t>& moved) {
+  const Surroundings wide(splint, moved, 2.0 * kVertexReachMm + kAroundMm);
+  std::vector<std::uint32_t> names;
+  TriangleMesh part = wide.part_of(splint, names);
+  return {MeshQuery(std::move(part)), std::move(names), Surroundings(splint, moved, kVertexReachMm)};
+}
+
 /// Vertices of the jaw inside the splint push the triangle that they pierced along their own normal. Returns
 /// whether there were any.
-bool push_by_jaw_vertices(const MeshQuery& splint, const MeshQuery& jaw, double tolerance_mm,
+bool push_by_jaw_vertices(const TriangleMesh& splint, const Pierced& pierced, const MeshQuery& jaw,
+                          const std::vector<Vector3>& normals, double tolerance_mm,
                           std::vector<Push>& pushes) {
   const auto& vertices = jaw.mesh().vertices_mm;
-  const std::vector<Vector3> normals = vertex_normals(jaw.mesh());
-  const Box box = bounding_box(splint.mesh());
+  const Box box = bounding_box(splint);
   std::vector<std::uint32_t> inside_box;
   std::vector<Vector3> points;
   for (std::uint32_t v = 0; v < vertices.size(); ++v) {
     const Vector3& p = vertices[v];
     if ((p.array() < box.min_mm.array()).any() || (p.array() > box.max_mm.array()).any()) continue;
+    if (pierced.about && !pierced.about->hold(p)) continue;
     inside_box.push_back(v);
     points.push_back(p);
   }
-  const std::vector<ClosestHit> hits = closest_points(splint, points, kVertexReachMm);
+  const std::vector<ClosestHit> hits = closest_points(pierced.surface, points, kVertexReachMm);
   std::vector<Push> core(pushes.size());
   bool any = false;
   for (std::size_t i = 0; i < hits.size(); ++i) {
     if (hits[i].triangle == ClosestHit::kNoTriangle || hits[i].distance_mm >= -tolerance_mm) continue;
     any = true;
     const Vector3 by_mm = -hits[i].distance_mm * normals[inside_box[i]];
-    for (const std::uint32_t corner : splint.mesh().triangles[hits[i].triangle]) core[corner].take(by_mm);
+    for (const std::uint32_t corner : pierced.corners(splint, hits[i].triangle)) core[corner].take(by_mm);
   }
-  if (any) take_with_neighbours(splint.mesh(), core, pushes);
+  if (any) take_with_neighbours(splint, core, pushes);
   return any;
 }
 
@@ -146,11 +247,36 @@ void push_on_way_by_jaw(const MeshQuery& splint, const std::vector<Vector3>& jaw
   if (any) take_with_neighbours(splint.mesh(), core, pushes);
 }
 
+/// Triangles with a vertex that `marked` holds.
+std::vector<std::uint32_t> triangles_at(const TriangleMesh& mesh, const std::vector<char>& marked) {
+  std::vector<std::uint32_t> out;
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Triangle& c = mesh.triangles[t];
+    if (marked[c[0]] || marked[c[1]] || marked[c[2]]) out.push_back(static_cast<std::uint32_t>(t));
+  }
+  return out;
+}
+
+/// Crossings of a mesh that had none before some of its vertices moved.
+std::vector<std::array<std::uint32_t, 2>> crossings_by_moves(const TriangleMesh& mesh,
+                                                             const std::vector<Vector3>& before) {
+  std::vector<char> moved(before.size());
+  for (std::size_t v = 0; v < moved.size(); ++v) moved[v] = mesh.vertices_mm[v] != before[v] ? 1 : 0;
+  const std::vector<std::uint32_t> triangles = triangles_at(mesh, moved);
+  if (triangles.empty()) return {};
+  std::vector<std::uint32_t> names;
+  const TriangleMesh part = Surroundings(mesh, triangles, 0.0).part_of(mesh, names);
+  auto pairs = self_intersections(part);
+  for (auto& pair : pairs)
+    for (std::uint32_t& t : pair) t = names[t];
+  return pairs;
+}
+
 /// Takes moves back, by half at first, until the mesh does not cross itself. Returns whether any was taken
 /// back.
 bool take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before) {
   for (int round = 0; round < 12; ++round) {
-    const auto pairs = self_intersections(mesh);
+    const auto pairs = crossings_by_moves(mesh, before);
     if (pairs.empty()) return round > 0;
     std::vector<std::uint32_t> corners;
     for (const auto& pair : pairs)
@@ -166,16 +292,6 @@ bool take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before)
   return true;
 }
 
-/// Triangles with a vertex that `marked` holds.
-std::vector<std::uint32_t> triangles_at(const TriangleMesh& mesh, const std::vector<char>& marked) {
-  std::vector<std::uint32_t> out;
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& c = mesh.triangles[t];
-    if (marked[c[0]] || marked[c[1]] || marked[c[2]]) out.push_back(static_cast<std::uint32_t>(t));
-  }
-  return out;
-}
-
 /// Makes the moves; says which vertices made one.
 std::vector<char> moved_by(const std::vector<Push>& pushes, TriangleMesh& splint) {
   std::vector<char> moved(pushes.size(), 0);
@@ -187,21 +303,33 @@ std::vector<char> moved_by(const std::vector<Push>& pushes, TriangleMesh& splint
   return moved;
 }
 
+/// Triangles by the jaw that they may touch.
+struct NearJaws {
+  std::vector<std::uint32_t> support, opposing;
+  bool empty() const { return support.empty() && opposing.empty(); }
+};
+
 /// Rounds of pushing until nothing is deeper than the tolerance; the mesh may cross itself afterwards.
 void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& opposing, double tolerance_mm,
-           std::vector<std::uint32_t> todo) {
-  bool pierced = true;
-  for (int round = 0; round < kRounds && (pierced || !todo.empty()); ++round) {
+           NearJaws todo) {
+  const std::vector<Vector3> of_support = vertex_normals(support.mesh()),
+                             of_opposing = vertex_normals(opposing.mesh());
+  std::vector<std::uint32_t> moved;
+  bool any_pierced = true;
+  for (int round = 0; round < kRounds && (any_pierced || !todo.empty()); ++round) {
     std::vector<Push> pushes(splint.vertices_mm.size());
-    for (const MeshQuery* jaw : {&support, &opposing})
-      push_triangles(splint, todo, *jaw, tolerance_mm, pushes);
-    if (pierced) {
-      const MeshQuery query(splint);
-      pierced = false;
-      for (const MeshQuery* jaw : {&support, &opposing})
-        pierced = push_by_jaw_vertices(query, *jaw, tolerance_mm, pushes) || pierced;
+    push_triangles(splint, todo.support, support, tolerance_mm, pushes);
+    push_triangles(splint, todo.opposing, opposing, tolerance_mm, pushes);
+    if (any_pierced) {
+      const Pierced pierced =
+          round == 0 ? Pierced{MeshQuery(splint), {}, std::nullopt} : about_moved(splint, moved);
+      const bool by_support =
+          push_by_jaw_vertices(splint, pierced, support, of_support, tolerance_mm, pushes);
+      any_pierced =
+          push_by_jaw_vertices(splint, pierced, opposing, of_opposing, tolerance_mm, pushes) || by_support;
     }
-    todo = triangles_at(splint, moved_by(pushes, splint));
+    moved = triangles_at(splint, moved_by(pushes, splint));
+    todo = {moved, moved};
   }
 }
 
@@ -226,20 +354,30 @@ void press_on_way(TriangleMesh& splint, const MeshQuery& support, double engagem
   }
 }
 
+/// Triangles with a vertex near the jaw, by its coarse distances.
+std::vector<std::uint32_t> triangles_near(const TriangleMesh& mesh, const CoarseGrid& jaw) {
+  std::vector<char> near(mesh.vertices_mm.size());
+  parallel_each(near.size(), [&](std::size_t v) { near[v] = jaw.linear(mesh.vertices_mm[v]) < kNearMm; });
+  return triangles_at(mesh, near);
+}
+
 }  // namespace
 
 void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double tolerance_mm) {
   std::vector<char> near(splint.vertices_mm.size());
   parallel_each(near.size(), [&](std::size_t v) { near[v] = field.near_jaw(splint.vertices_mm[v], 0.0); });
   std::vector<std::uint32_t> todo = triangles_at(splint, near);
+  NearJaws by_jaw{triangles_near(splint, field.jaws().support),
+                  triangles_near(splint, field.jaws().opposing)};
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     const std::vector<Vector3> sound = splint.vertices_mm;
     press_on_way(splint, field.preparation().support, field.parameters().engagement_mm, tolerance_mm, todo);
-    press(splint, field.preparation().support, field.preparation().opposing, tolerance_mm, std::move(todo));
+    press(splint, field.preparation().support, field.preparation().opposing, tolerance_mm, std::move(by_jaw));
     if (!take_back_crossings(splint, sound)) return;
     std::vector<char> moved(sound.size());
     for (std::size_t v = 0; v < sound.size(); ++v) moved[v] = splint.vertices_mm[v] != sound[v];
     todo = triangles_at(splint, moved);
+    by_jaw = {todo, todo};
   }
 }
 

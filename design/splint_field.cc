@@ -178,7 +178,8 @@ void SplintField::build_shapes() {
       [&] {
         const CoarseGrid outline = distance_from_rim_outline(jaws_.support_swept, prep_, par_);
         const CoarseGrid shell = outer_shell(jaws_.support_swept, outline, par_);
-        body_ = joined_body(shell, stamp_body(jaws_.stamp, prep_, par_), jaws_.opposing, par_);
+        const CoarseGrid stamp = stamp_body(jaws_.stamp, prep_, par_);
+        body_ = joined_body(shell, stamp, jaws_.opposing, par_);
         if (prep_.edits.smooths()) body_smoothed_ = blurred(body_, kBlurMm);
         if (!prep_.free_poses.empty())
           free_ = swept_along(prep_.free_poses, par_.disclusion_mm, prep_.opposing, body_);
@@ -218,8 +219,11 @@ double SplintField::seat_gap_mm(const ClosestPoint& closest) const {
 }
 
 SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
+  return interpolated(p, located(prep_.coarse, p));
+}
+
+SplintField::Ingredients SplintField::interpolated(const Vector3& p, const GridCell& cell) const {
   Ingredients in;
-  const GridCell cell = located(prep_.coarse, p);
   in.support = jaws_.support.linear(cell);
   in.gap = 0.5 * (par_.gap_mm + par_.stop_gap_mm);
   in.support_swept = jaws_.support_swept.linear(cell);
@@ -233,60 +237,90 @@ SplintField::Ingredients SplintField::interpolated(const Vector3& p) const {
   return in;
 }
 
-FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
-  FieldTerms f;
-  // Cavity = (M ⊕ B_g) ∪ ((M ⊕ R_a) ⊖ D_r), embrasures closed.
-  f.cavity = std::min({in.support - in.gap, in.support_swept + par_.engagement_mm, in.cavity_closed});
-  // What the opposing arch takes: itself and its way down; within o of it all but the natural relief T_th
-  // S_occ.
+/// Cavity = (M ⊕ B_g) ∪ ((M ⊕ R_a) ⊖ D_r), embrasures closed.
+double SplintField::cavity(const Ingredients& in) const {
+  return std::min({in.support - in.gap, in.support_swept + par_.engagement_mm, in.cavity_closed});
+}
+
+/// What the opposing arch takes: itself and its way down; within o of it all but the natural relief T_th
+/// S_occ; and what must run free.
+double SplintField::cut(const Vector3& p, const Ingredients& in) const {
   const double opposing = std::min(in.opposing, in.opposing_swept + kSweepErrorMm);
   const double relief = std::max(opposing - par_.occlusion_clearance_mm, -in.stamp);
-  const double free = in.free + kFreeErrorMm;
-  f.cut = std::min({opposing, relief, free});
-  if (prep_.edits.limits_contacts())
-    f.cut = std::min(f.cut, opposing - par_.occlusion_clearance_mm * prep_.edits.without_contact(p));
-  // The exact stamp near the opposing arch, sinking into the smooth body away from it.
-  const Vector3 natural = natural_from_tp_ * p;
-  const double top =
-      prep_.given_stamp ? -kStampTopMm : natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
-  const double faded = kStampFade * std::max(0.0, in.opposing - kStampNearMm) +
-                       kStampTopFade * std::max(0.0, top + kStampTopMm);
-  const double stamp = in.stamp + (prep_.flat ? 0.0 : faded);
-  f.body = std::min(in.body, stamp);
-  double smoothed = in.body_smoothed;
+  const double all = std::min({opposing, relief, in.free + kFreeErrorMm});
+  if (!prep_.edits.limits_contacts()) return all;
+  return std::min(all, opposing - par_.occlusion_clearance_mm * prep_.edits.without_contact(p));
+}
+
+/// The exact stamp near the opposing arch, sinking into the smooth body away from it.
+double SplintField::stamp(const Vector3& p, const Ingredients& in) const {
+  if (prep_.flat) return in.stamp;
+  if (in.stamp >= in.body + kEstimateMm) return in.stamp;  // within the body, wherever it fades
+  double top = -kStampTopMm;
+  if (!prep_.given_stamp) {
+    const Vector3 natural = natural_from_tp_ * p;
+    top = natural.z() - prep_.level.level_mm(natural) - par_.stamp_height_mm;
+  }
+  return in.stamp + kStampFade * std::max(0.0, in.opposing - kStampNearMm) +
+         kStampTopFade * std::max(0.0, top + kStampTopMm);
+}
+
+/// Shell with stamp, strokes and letters.
+double SplintField::body(const Vector3& p, const Ingredients& in, double cavity_mm, double stamp_mm) const {
+  double out = std::min(in.body, stamp_mm), smoothed = in.body_smoothed;
+  const double wall = cavity_mm - par_.wall_mm - kWallErrorMm;
   // Nothing but the wall over the cavity stands beyond a flat plane and its ramps, or what strokes add there.
   if (prep_.flat) {
-    const double beyond = std::min(prep_.flat->beyond_mm(p), f.cavity - par_.wall_mm - kWallErrorMm);
-    f.body = std::max(f.body, beyond);
+    const double beyond = std::min(prep_.flat->beyond_mm(p), wall);
+    out = std::max(out, beyond);
     smoothed = std::max(smoothed, beyond);
   }
-  if (prep_.edits.has_strokes()) f.body = prep_.edits.stroked(p, f.body, smoothed);
+  if (prep_.edits.has_strokes()) out = prep_.edits.stroked(p, out, smoothed);
   // Beside the imprint nothing stands lower than d beyond the natural relief, but for the wall over the
   // cavity.
-  if (!limit_.empty())
-    f.body =
-        std::max(f.body, std::min({limit_.below_mm(p), f.cavity - par_.wall_mm - kWallErrorMm, in.stamp}));
-  if (label_) f.body = label_->raised_mm(p, f.body, std::min({in.opposing, in.opposing_swept, in.free}));
-  f.body_by_stamp = stamp < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
-  // The cutting surface, and the end behind the last teeth: their distal wall and no more.
+  const double may_go = std::min(wall, in.stamp);
+  if (may_go > out && !limit_.empty()) out = std::max(out, std::min(limit_.below_mm(p), may_go));
+  return label_ ? label_->raised_mm(p, out, std::min({in.opposing, in.opposing_swept, in.free})) : out;
+}
+
+/// The cutting surface, and the end behind the last teeth: their distal wall and no more.
+double SplintField::rim(const Vector3& p) const {
   const double behind = prep_.level.behind_teeth_mm(p) - (par_.gap_mm + par_.wall_mm + kDistalMm);
-  f.rim = std::max({p.z() - prep_.cut_mm(p, par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
-  const double film =
-      par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - f.cavity - f.cut;
+  return std::max({p.z() - prep_.cut_mm(p, par_.depth_mm), behind, prep_.level.beyond_cover_mm(p)});
+}
+
+/// Positive where less than the aperture limit remains between cavity and cut.
+double SplintField::film(double cavity_mm, double cut_mm) const {
+  return par_.aperture_limit_mm + kFilmMarginMm + kFilmMarginVoxels * par_.voxel_mm - cavity_mm - cut_mm;
+}
+
+bool SplintField::by_stamp(const Ingredients& in, double stamp_mm) const {
+  return stamp_mm < in.body + kEstimateMm && in.opposing < kStampNearMm + 1.0;
+}
+
+FieldTerms SplintField::compose(const Vector3& p, const Ingredients& in) const {
+  FieldTerms f;
+  f.cavity = cavity(in);
+  f.cut = cut(p, in);
+  const double stamped = stamp(p, in);
+  f.body = body(p, in, f.cavity, stamped);
+  f.body_by_stamp = by_stamp(in, stamped);
+  f.rim = rim(p);
+  const double thin = film(f.cavity, f.cut);
   const double walls = rounded_max(f.body, f.rim, par_.rim_radius_mm);
   const double inner = rounded_max(-f.cavity, f.rim, 0.5 * par_.rim_radius_mm);
   const double drawn = prep_.edits.has_cutouts() ? -prep_.edits.cutout_mm(p) : -1e9;
-  f.value = std::max({walls, inner, -f.cut, film, drawn});
-  if (f.value == film || f.value == drawn)
+  f.value = std::max({walls, inner, -f.cut, thin, drawn});
+  if (f.value == thin || f.value == drawn)
     f.part = SurfacePart::kAperture;
   else if (f.value == -f.cut)
-    f.part = f.cut == free ? SurfacePart::kRelief : SurfacePart::kImprint;
+    f.part = f.cut == in.free + kFreeErrorMm ? SurfacePart::kRelief : SurfacePart::kImprint;
   else if (f.value == inner)
     f.part = f.rim > -0.5 * par_.rim_radius_mm ? SurfacePart::kRim : SurfacePart::kCavity;
   else if (f.rim > -par_.rim_radius_mm)
     f.part = SurfacePart::kRim;
   else
-    f.part = stamp < in.body ? SurfacePart::kStamp : SurfacePart::kOuter;
+    f.part = stamped < in.body ? SurfacePart::kStamp : SurfacePart::kOuter;
   return f;
 }
 
@@ -294,86 +328,137 @@ FieldTerms SplintField::estimate(const Vector3& p) const {
   return compose(p, interpolated(p));
 }
 
-namespace {
-/// The points of a block that need a distance, and where each stands in the block.
-struct Asked {
-  std::vector<SolidGroup::Point> points;
-  std::vector<std::size_t> index;
-  void add(const Vector3& p_mm, double estimate_mm, std::size_t i) {
-    points.push_back({p_mm, std::min(kReachMm, std::abs(estimate_mm) + kEstimateMm), false, {}});
-    index.push_back(i);
-  }
-  template <class Body>
-  void measure(const MeshQuery& solid, const Body& take) {
-    SolidGroup(solid).measure(points);
-    for (std::size_t n = 0; n < points.size(); ++n)
-      if (points[n].found) take(index[n], points[n].distance);
-  }
-};
-}  // namespace
+/// Whether no point of a coarse cell is in the splint, nor within kSureMm of it, by the least and greatest of
+/// its corners: trilinear values lie between them.
+bool SplintField::all_outside(const GridCell& cell) const {
+  const double sure = kSureMm + 0.01;
+  const auto within = [&](const CoarseGrid& solid, double by_mm) {
+    return solid.range(cell).second < -by_mm;
+  };
+  if (within(jaws_.support, sure - std::min(par_.gap_mm, par_.stop_gap_mm))) return true;
+  if (within(cavity_closed_, sure) || within(jaws_.opposing, sure)) return true;
+  if (prep_.edits.has_strokes() || prep_.flat) return false;
+  const double beyond = sure + Label::kProudMm;
+  return body_.range(cell).first > beyond && jaws_.stamp.range(cell).first > beyond;
+}
 
-void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>& values) const {
-  std::vector<Ingredients> in(points.size());
-  Asked support, opposing, stamp, sweep;
-  // Below p, where the columns around it say that M bulges most, in an undercut whose depth is near r.
-  const auto ask_passed = [&](const Vector3& p, double swept_mm, double own_mm, std::size_t i) {
-    if (swept_mm > own_mm - kShadowMm || std::abs(swept_mm + par_.engagement_mm) > kEstimateMm) return;
-    const GridCell cell = located(prep_.coarse, p);
-    const double spacing = prep_.coarse.spacing_mm;
-    double before = 1e9;
-    for (int corner = 0; corner < 4; ++corner) {
-      const double z = jaws_.swept_from.at(cell.index.x() + (corner & 1), cell.index.y() + (corner >> 1),
-                                           cell.index.z() + (cell.fraction.z() > 0.5 ? 1 : 0));
-      if (std::abs(z - before) < 0.5 * spacing) continue;
-      before = z;
-      for (const double off : {-0.75, -0.25, 0.25, 0.75})
-        sweep.add({p.x(), p.y(), std::min(z + off * spacing, p.z())}, swept_mm, i);
+void SplintField::estimate_cell(const Eigen::Vector3i& cell, int k, float* values) const {
+  GridCell at;
+  at.index = cell;
+  const std::size_t count =
+      static_cast<std::size_t>(k) * static_cast<std::size_t>(k) * static_cast<std::size_t>(k);
+  if (all_outside(at)) {
+    std::fill(values, values + count, static_cast<float>(2.0 * kSureMm));
+    return;
+  }
+  const Vector3 low = prep_.coarse.position(cell.x(), cell.y(), cell.z());
+  for (int x = 0; x < k; ++x)
+    for (int y = 0; y < k; ++y)
+      for (int z = 0; z < k; ++z) {
+        at.fraction = Vector3(x, y, z) / k;
+        const Vector3 p = low + prep_.coarse.spacing_mm * at.fraction;
+        *values++ = static_cast<float>(compose(p, interpolated(p, at)).value);
+      }
+}
+
+/// The points of a block that need a distance, and where each stands in the block.
+struct SplintField::Questions {
+  struct Asked {
+    std::vector<SolidGroup::Point> points;
+    std::vector<std::size_t> index;
+    void add(const Vector3& p_mm, double estimate_mm, std::size_t i) {
+      points.push_back({p_mm, std::min(kReachMm, std::abs(estimate_mm) + kEstimateMm), false, {}});
+      index.push_back(i);
+    }
+    template <class Body>
+    void measure(const MeshQuery& solid, const Body& take) {
+      if (points.empty()) return;
+      SolidGroup(solid).measure(points);
+      for (std::size_t n = 0; n < points.size(); ++n)
+        if (points[n].found) take(index[n], points[n].distance);
     }
   };
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Vector3& p = points[i];
-    in[i] = interpolated(p);
-    in[i].body = body_.smooth(p);
-    const FieldTerms rough = compose(p, in[i]);
-    const double film_mm = rough.cavity + rough.cut - par_.aperture_limit_mm;
-    const bool film =
-        std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(rough.value) < kEstimateMm);
-    if (std::abs(rough.cavity) < kEstimateMm || film) {
-      support.add(p, in[i].support, i);
-      ask_passed(p, in[i].support_swept, in[i].support, i);
-    }
-    if (std::abs(rough.cut) < kEstimateMm || film || rough.body_by_stamp) {
-      opposing.add(p, in[i].opposing, i);
-      if (!prep_.flat) stamp.add(natural_from_tp_ * p, in[i].stamp, i);
-    }
+  Asked support, opposing, stamp, sweep;
+};
+
+/// Below p, where the columns around it say that M bulges most, in an undercut whose depth is near r.
+void SplintField::ask_passed(const Vector3& p, const Ingredients& in, std::size_t i,
+                             Questions& questions) const {
+  const double swept_mm = in.support_swept;
+  if (swept_mm > in.support - kShadowMm || std::abs(swept_mm + par_.engagement_mm) > kEstimateMm) return;
+  const GridCell cell = located(prep_.coarse, p);
+  const double spacing = prep_.coarse.spacing_mm;
+  double before = 1e9;
+  for (int corner = 0; corner < 4; ++corner) {
+    const double z = jaws_.swept_from.at(cell.index.x() + (corner & 1), cell.index.y() + (corner >> 1),
+                                         cell.index.z() + (cell.fraction.z() > 0.5 ? 1 : 0));
+    if (std::abs(z - before) < 0.5 * spacing) continue;
+    before = z;
+    for (const double off : {-0.75, -0.25, 0.25, 0.75})
+      questions.sweep.add({p.x(), p.y(), std::min(z + off * spacing, p.z())}, swept_mm, i);
   }
-  support.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
+}
+
+/// Asks for the terms that may decide at p.
+void SplintField::ask(const Vector3& p, const Ingredients& in, std::size_t i, Questions& questions) const {
+  const double cavity_mm = cavity(in), cut_mm = cut(p, in);
+  const double film_mm = cavity_mm + cut_mm - par_.aperture_limit_mm;
+  const bool thin =
+      std::abs(film_mm) < kEstimateMm || (film_mm < 0.0 && std::abs(compose(p, in).value) < kEstimateMm);
+  if (std::abs(cavity_mm) < kEstimateMm || thin) {
+    questions.support.add(p, in.support, i);
+    ask_passed(p, in, i, questions);
+  }
+  if (std::abs(cut_mm) < kEstimateMm || thin || by_stamp(in, stamp(p, in))) {
+    questions.opposing.add(p, in.opposing, i);
+    if (!prep_.flat) questions.stamp.add(natural_from_tp_ * p, in.stamp, i);
+  }
+}
+
+/// Puts the answers in place of the estimates.
+void SplintField::answer(Questions& questions, std::vector<Ingredients>& in) const {
+  questions.support.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
     in[i].support = d.distance_mm;
     in[i].gap = seat_gap_mm(d.closest);
   });
   // What a rigid splint passes on its way is the least distance below: exact, since r is thinner than the
   // coarse grid's error.
-  std::vector<double> passed(sweep.points.empty() ? 0 : points.size(), 1e9);
-  sweep.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
+  std::vector<double> passed(questions.sweep.points.empty() ? 0 : in.size(), 1e9);
+  questions.sweep.measure(prep_.support, [&](std::size_t i, const SignedDistance& d) {
     // A tip that is thinner than r would pass by that rule, and yet stand in the splint's way.
     const double tip_mm = (par_.engagement_mm + kTipRoomMm) *
                           sharpness_at(prep_.support.mesh(), prep_.support_sharpness, d.closest);
     passed[i] = std::min(passed[i], d.distance_mm - tip_mm);
     in[i].support_swept = passed[i];
   });
-  opposing.measure(prep_.opposing, [&](std::size_t i, const SignedDistance& d) {
+  questions.opposing.measure(prep_.opposing, [&](std::size_t i, const SignedDistance& d) {
     in[i].opposing =
         d.distance_mm - kImprintTipVoxels * par_.voxel_mm *
                             sharpness_at(prep_.opposing.mesh(), prep_.opposing_sharpness, d.closest);
   });
-  stamp.measure(prep_.stamp_source(),
-                [&](std::size_t i, const SignedDistance& d) { in[i].stamp = d.distance_mm; });
+  questions.stamp.measure(prep_.stamp_source(),
+                          [&](std::size_t i, const SignedDistance& d) { in[i].stamp = d.distance_mm; });
+}
+
+void SplintField::exact(const std::vector<Vector3>& points, std::vector<double>& values) const {
+  std::vector<Ingredients> in(points.size());
+  Questions questions;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const GridCell cell = located(prep_.coarse, points[i]);
+    in[i] = interpolated(points[i], cell);
+    in[i].body = body_.smooth(cell);
+    ask(points[i], in[i], i, questions);
+  }
+  answer(questions, in);
   for (std::size_t i = 0; i < points.size(); ++i) values[i] = compose(points[i], in[i]).value;
 }
 
 TriangleMesh extracted_splint(const SplintField& field) {
   ExtractionField f;
   f.estimate = [&](const Vector3& p) { return field.estimate(p).value; };
+  f.estimate_cell = [&](const Eigen::Vector3i& cell, int k, float* values) {
+    field.estimate_cell(cell, k, values);
+  };
   f.exact = [&](const std::vector<Vector3>& p, std::vector<double>& values) { field.exact(p, values); };
   return extracted_surface(f, field.preparation().coarse, field.preparation().refinement);
 }

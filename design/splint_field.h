@@ -47,6 +47,10 @@ class SplintField {
 
   /// From grids alone; good to about 0.1 mm.
   FieldTerms estimate(const Vector3& p_mm) const;
+  /// The value of estimate() at the nodes of a coarse cell's finer grid, k a side, from the cell's low node
+  /// on (z fastest). Values beyond ± kSureMm may be any on their side of that.
+  void estimate_cell(const Eigen::Vector3i& cell, int k, float* values) const;
+  static constexpr double kSureMm = 0.2;
   /// With mesh distances for every term that matters; for points close together (values only).
   void exact(const std::vector<Vector3>& points_mm, std::vector<double>& values) const;
 
@@ -64,8 +68,21 @@ class SplintField {
   struct Ingredients;
   void build_shapes();
   void place_label();
+  struct Questions;
   Ingredients interpolated(const Vector3& p_mm) const;
+  Ingredients interpolated(const Vector3& p_mm, const GridCell& cell) const;
+  bool all_outside(const GridCell& cell) const;
+  double cavity(const Ingredients& in) const;
+  double cut(const Vector3& p_mm, const Ingredients& in) const;
+  double stamp(const Vector3& p_mm, const Ingredients& in) const;
+  double body(const Vector3& p_mm, const Ingredients& in, double cavity_mm, double stamp_mm) const;
+  double rim(const Vector3& p_mm) const;
+  double film(double cavity_mm, double cut_mm) const;
+  bool by_stamp(const Ingredients& in, double stamp_mm) const;
   FieldTerms compose(const Vector3& p_mm, const Ingredients& in) const;
+  void ask(const Vector3& p_mm, const Ingredients& in, std::size_t i, Questions& questions) const;
+  void ask_passed(const Vector3& p_mm, const Ingredients& in, std::size_t i, Questions& questions) const;
+  void answer(Questions& questions, std::vector<Ingredients>& in) const;
   double seat_gap_mm(const ClosestPoint& closest) const;
 
   const Preparation& prep_;
