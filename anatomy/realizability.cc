@@ -88,17 +88,21 @@ const JointPair& RealizabilityChecker::joints() const {
 Result<RealizabilityChecker> RealizabilityChecker::create(const TriangleMesh& maxilla,
                                                           const TriangleMesh& mandible_mi,
                                                           const RealizabilityLimits& limits) {
-  GNATHION_TRY(const ArchFrame arch, find_arch(maxilla, mandible_mi));
-  std::vector<std::uint8_t> maxilla_fdi, mandible_fdi;
+  GNATHION_TRY(const NamedJaws named, name_jaws(maxilla, mandible_mi));
+  return create(maxilla, mandible_mi, named, limits);
+}
+
+RealizabilityChecker RealizabilityChecker::create(const TriangleMesh& maxilla,
+                                                  const TriangleMesh& mandible_mi, const NamedJaws& named,
+                                                  const RealizabilityLimits& limits) {
+  const ArchFrame& arch = named.arch;
   std::optional<MeshQuery> upper, lower;
-  tbb::parallel_invoke([&] { maxilla_fdi = assign_teeth(maxilla, arch, Arch::kMaxilla); },
-                       [&] { mandible_fdi = assign_teeth(mandible_mi, arch, Arch::kMandible); },
-                       [&] { upper.emplace(maxilla); }, [&] { lower.emplace(mandible_mi); });
+  tbb::parallel_invoke([&] { upper.emplace(maxilla); }, [&] { lower.emplace(mandible_mi); });
   auto jaws = std::make_unique<Jaws>(Jaws{.limits = limits,
                                           .table = limit_table(limits),
                                           .arch = arch,
-                                          .maxilla_fdi = std::move(maxilla_fdi),
-                                          .mandible_fdi = std::move(mandible_fdi),
+                                          .maxilla_fdi = named.maxilla.fdi,
+                                          .mandible_fdi = named.mandible.fdi,
                                           .maxilla = std::move(*upper),
                                           .mandible = std::move(*lower),
                                           .overlap_mi = {},

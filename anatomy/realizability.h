@@ -15,6 +15,7 @@
 #include "core/result.h"
 #include "core/transform.h"
 #include "occlusion/arch.h"
+#include "occlusion/teeth.h"
 
 namespace gnathion {
 
@@ -105,6 +106,9 @@ class RealizabilityChecker {
   /// Fails (kInput) only where nothing can be judged: see find_arch.
   static Result<RealizabilityChecker> create(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
                                              const RealizabilityLimits& limits = {});
+  /// With orientation and teeth that are known, corrections by hand among them.
+  static RealizabilityChecker create(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
+                                     const NamedJaws& named, const RealizabilityLimits& limits = {});
   ~RealizabilityChecker();
   RealizabilityChecker(RealizabilityChecker&&) noexcept;
   RealizabilityChecker& operator=(RealizabilityChecker&&) noexcept;

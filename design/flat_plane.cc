@@ -24,10 +24,9 @@ constexpr double kMostTiltDeg = 10.0;
 constexpr double kCanineHalfMm = 3.0, kIncisorHalfMm = 2.8;
 
 /// The tip of every opposing tooth that stands over the splint's arch.
-std::vector<FlatPlane::Tip> tips_of(const SplintInputs& inputs, const ArchFrame& arch, const Rigid3& place,
-                                    const Vector3& towards_support, const OcclusalMap& level) {
-  const TriangleMesh& mesh = inputs.opposing_mi();
-  const auto fdi = assign_teeth(mesh, arch, inputs.opposing_arch(), inputs.edits.teeth);
+std::vector<FlatPlane::Tip> tips_of(const TriangleMesh& mesh, const std::vector<std::uint8_t>& fdi,
+                                    const Rigid3& place, const Vector3& towards_support,
+                                    const OcclusalMap& level) {
   std::map<std::uint8_t, FlatPlane::Tip> tips;
   for (std::size_t v = 0; v < fdi.size(); ++v) {
     if (fdi[v] == 0) continue;
@@ -74,12 +73,14 @@ double angle_deg(const Vector3& a, const Vector3& b) {
 
 }  // namespace
 
-Result<FlatPlane> FlatPlane::fitted(const SplintInputs& inputs, const ArchFrame& arch,
-                                    const Rigid3& design_from_dental, const Rigid3& tp_from_mi,
-                                    const OcclusalMap& level, const SplintParameters& p) {
+Result<FlatPlane> FlatPlane::fitted(const SplintInputs& inputs, const std::vector<std::uint8_t>& opposing_fdi,
+                                    const ArchFrame& arch, const Rigid3& design_from_dental,
+                                    const Rigid3& tp_from_mi, const OcclusalMap& level,
+                                    const SplintParameters& p) {
   FlatPlane out;
   out.normal_ = design_from_dental.rotation * arch.gingival(inputs.arch);
-  out.tips_ = tips_of(inputs, arch, tp_from_mi * design_from_dental, out.normal_, level);
+  out.tips_ =
+      tips_of(inputs.opposing_mi(), opposing_fdi, tp_from_mi * design_from_dental, out.normal_, level);
   const char* const opposing_name = inputs.on_maxilla() ? "mandible" : "maxilla";
   std::vector<Tip> bearing;  // canines to molars
   for (const Tip& tip : out.tips_)

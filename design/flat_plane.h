@@ -37,9 +37,11 @@ class FlatPlane {
   /// molars with least squares (2). It lies so that no such tip goes deeper than plane_indent_mm, and all
   /// touch where the tips allow it. Refused (kInput): fewer than three such tips over the splint; a tilt (2)
   /// that tips on one side or nearly on a line leave open, or of more than 10 deg from both occlusal planes.
-  static Result<FlatPlane> fitted(const SplintInputs& inputs, const ArchFrame& arch,
-                                  const Rigid3& design_from_dental, const Rigid3& tp_from_mi,
-                                  const OcclusalMap& level, const SplintParameters& p);
+  /// `opposing_fdi`: per vertex of the opposing arch's scan.
+  static Result<FlatPlane> fitted(const SplintInputs& inputs, const std::vector<std::uint8_t>& opposing_fdi,
+                                  const ArchFrame& arch, const Rigid3& design_from_dental,
+                                  const Rigid3& tp_from_mi, const OcclusalMap& level,
+                                  const SplintParameters& p);
 
   /// Distance from the slab with its ramps, negative inside; 1-Lipschitz, exact beside the biting surface.
   double slab_mm(const Vector3& p_mm) const;

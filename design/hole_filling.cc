@@ -127,7 +127,7 @@ TriangleMesh closed_to_solid(const TriangleMesh& mesh, const Vector3& away, std:
           box.centre_mm().y(), box.centre_mm().z(),
           restored || width_mm <= kUnsureHoleMm
               ? ""
-              : ": the surface there was not restored, the cavity may reach into the tooth: scan it again"));
+              : ": the surface there was not restored, what is built against it may be off: scan it again"));
   }
   return solid;
 }

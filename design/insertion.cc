@@ -29,13 +29,14 @@ GridShape crown_grid(const TriangleMesh& support, const OcclusalMap& level, doub
 enum class Node : char { kFree, kInside, kBeyond };
 
 std::vector<Node> classified(const TriangleMesh& support, const OcclusalMap& level, const GridShape& shape,
-                             double depth_mm) {
+                             double depth_mm, const MarginSurface& margin) {
   const std::vector<char> inside = nodes_inside(support, shape);
   std::vector<Node> nodes(inside.size());
   parallel_each(shape.nodes.x(), [&](int i) {
     for (int j = 0; j < shape.nodes.y(); ++j) {
       const Vector3 foot = shape.position(i, j, 0);
-      const double cut = level.level_mm(foot) + depth_mm;
+      const double plane = level.level_mm(foot) + depth_mm;
+      const double cut = margin.empty() ? plane : margin.cut_mm(foot, plane);
       const bool crowns =
           std::abs(level.off_curve_mm(foot)) < kHalfWidthMm && level.beyond_cover_mm(foot) < 0.0;
       for (int k = 0; k < shape.nodes.z(); ++k) {
@@ -88,13 +89,17 @@ struct Candidate {
 /// What the search needs to judge a direction.
 class Judge {
  public:
-  Judge(const TriangleMesh& support, const OcclusalMap& level, Arch arch, const SplintParameters& p)
-      : shape_(crown_grid(support, level, p.depth_mm)),
+  Judge(const TriangleMesh& support, const OcclusalMap& level, Arch arch, const SplintParameters& p,
+        const std::vector<MarginCurve>& margins, const Rigid3& upright_from_dental)
+      : shape_(crown_grid(support, level,
+                          std::max(p.depth_mm, deepest_margin_mm(margins, upright_from_dental, level)))),
         // x is the patient's left over the maxilla and right over the mandible, y posterior.
         start_(arch == Arch::kMaxilla ? p.insertion_left_deg : -p.insertion_left_deg,
                -p.insertion_anterior_deg),
         search_deg_(p.insertion_search_deg) {
-    if ((shape_.nodes.array() > 0).all()) nodes_ = classified(support, level, shape_, p.depth_mm);
+    if ((shape_.nodes.array() > 0).all())
+      nodes_ =
+          classified(support, level, shape_, p.depth_mm, MarginSurface(margins, upright_from_dental, shape_));
     at_normal_ = nodes_.empty() ? 0.0 : undercut_mm3(nodes_, shape_, Vector3::UnitZ());
   }
   bool empty() const { return nodes_.empty(); }
@@ -186,8 +191,9 @@ std::vector<char> nodes_inside(const TriangleMesh& solid, const GridShape& shape
 }
 
 Insertion find_insertion(const TriangleMesh& support, const OcclusalMap& level, Arch arch,
-                         const SplintParameters& p) {
-  const Judge judge(support, level, arch, p);
+                         const SplintParameters& p, const std::vector<MarginCurve>& margins,
+                         const Rigid3& upright_from_dental) {
+  const Judge judge(support, level, arch, p, margins, upright_from_dental);
   Insertion out;
   out.direction = tilted(judge.start());
   if (judge.empty()) return out;

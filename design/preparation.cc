@@ -132,12 +132,13 @@ Rigid3 frame_along(const Vector3& a, const ArchFrame& arch) {
 
 /// The seating direction, told in Dental.
 Insertion insertion_of(const TriangleMesh& support_dental, const ArchFrame& arch, Arch which,
-                       const CoveredArc& covered, const SplintParameters& p) {
+                       const CoveredArc& covered, const SplintParameters& p,
+                       const std::vector<MarginCurve>& margins) {
   const Rigid3 upright = frame_along(arch.gingival(which), arch);
   const TriangleMesh support =
       closed_to_solid(transformed(upright, support_dental), Vector3::UnitZ(), nullptr);
   const OcclusalMap level(support, arch, upright, covered);
-  Insertion insertion = find_insertion(support, level, which, p);
+  Insertion insertion = find_insertion(support, level, which, p, margins, upright);
   insertion.direction = upright.rotation.transpose() * insertion.direction;
   return insertion;
 }
@@ -225,8 +226,8 @@ Status set_grid(const SplintInputs& inputs, const SplintParameters& parameters, 
   p.label_texts = label_texts(inputs, parameters);
   p.flat.reset();
   if (is_flat(parameters)) {
-    GNATHION_TRY(p.flat,
-                 FlatPlane::fitted(inputs, p.arch, p.design_from_dental, p.tp_from_mi, p.level, parameters));
+    GNATHION_TRY(p.flat, FlatPlane::fitted(inputs, p.opposing_fdi, p.arch, p.design_from_dental, p.tp_from_mi,
+                                           p.level, parameters));
     warn_of_room(p, parameters.wall_mm + parameters.gap_mm, p.warnings);
     warn_of_wells(*p.flat, parameters.plane_indent_mm, p.warnings);
   }
@@ -260,24 +261,31 @@ Result<TriangleMesh> stamp_solid(const TriangleMesh& surface_dental, const Rigid
 }  // namespace
 
 Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters,
-                            const PreparationGrid& grid) {
-  GNATHION_TRY(ArchFrame arch, find_arch(inputs.maxilla, inputs.mandible_mi));
-  GNATHION_CHECK_OK(check_tooth_corrections(inputs, arch));
-  std::vector<std::string> warnings, holes;
+                            const PreparationGrid& grid, const NamedJaws* known) {
+  NamedJaws found;
+  if (!known) {
+    GNATHION_TRY(found, name_jaws(inputs.maxilla, inputs.mandible_mi, inputs.edits.teeth));
+  }
+  const NamedJaws& jaws = known ? *known : found;
+  GNATHION_CHECK_OK(check_tooth_corrections(inputs, jaws));
+  ArchFrame arch = jaws.arch;
+  std::vector<std::string> warnings, holes, opposing_holes;
   const char* const support_name = inputs.on_maxilla() ? "maxilla" : "mandible";
+  const char* const opposing_name = inputs.on_maxilla() ? "mandible" : "maxilla";
   const TriangleMesh support_dental = without_fragments(inputs.support(), support_name, warnings);
-  const TriangleMesh opposing_dental =
-      without_fragments(inputs.opposing_mi(), inputs.on_maxilla() ? "mandible" : "maxilla", warnings);
-  std::vector<std::uint8_t> fdi = assign_teeth(inputs.support(), arch, inputs.arch, inputs.edits.teeth);
+  const TriangleMesh opposing_dental = without_fragments(inputs.opposing_mi(), opposing_name, warnings);
+  std::vector<std::uint8_t> fdi = jaws.of(inputs.arch).fdi;
   GNATHION_TRY(const CoveredArc covered, covered_arc(inputs.support(), fdi, arch, inputs.arch, parameters));
 
-  const Insertion insertion = insertion_of(support_dental, arch, inputs.arch, covered, parameters);
+  const Insertion insertion =
+      insertion_of(support_dental, arch, inputs.arch, covered, parameters, inputs.edits.margins);
   const Rigid3 design_from_dental = frame_along(insertion.direction, arch);
   const Rigid3 tp_from_mi = design_from_dental * inputs.opposing_motion() * design_from_dental.inverse();
   TriangleMesh support =
       transformed(design_from_dental, closed_to_solid(support_dental, insertion.direction, &holes));
-  TriangleMesh opposing = transformed(tp_from_mi * design_from_dental,
-                                      closed_to_solid(opposing_dental, -insertion.direction, nullptr));
+  TriangleMesh opposing =
+      transformed(tp_from_mi * design_from_dental,
+                  closed_to_solid(opposing_dental, -insertion.direction, &opposing_holes));
   OcclusalMap level(support, arch, design_from_dental, covered);
   std::optional<MeshQuery> given_stamp;
   if (inputs.occlusal_surface) {
@@ -289,6 +297,8 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
   std::vector<Vector3> normals = smoothed_normals(support);
   std::vector<double> sharp = sharpness(support), sharp_opposing = sharpness(opposing);
   for (const std::string& hole : holes) warnings.push_back(fmt::format("{}: {}", support_name, hole));
+  for (const std::string& hole : opposing_holes)
+    warnings.push_back(fmt::format("{}: {}", opposing_name, hole));
   Preparation preparation{std::move(arch),
                           design_from_dental,
                           insertion,
@@ -306,6 +316,8 @@ Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& 
                           1,
                           std::move(warnings),
                           std::move(fdi)};
+  preparation.support_teeth = jaws.of(inputs.arch).partition;
+  preparation.opposing_fdi = jaws.of(inputs.opposing_arch()).fdi;
   GNATHION_CHECK_OK(set_grid(inputs, parameters, grid, preparation));
   return preparation;
 }

@@ -16,6 +16,7 @@
 #include "design/margin.h"
 #include "design/parameters.h"
 #include "design/splint.h"
+#include "occlusion/teeth.h"
 
 namespace gnathion {
 
@@ -84,9 +85,11 @@ struct Preparation {
   std::vector<std::string> warnings;
   std::vector<std::uint8_t> support_fdi;  ///< per vertex of the supporting arch's scan as given; 0: no tooth
 
-  MarginSurface margin = {};                  ///< where the operator drew one
-  std::vector<std::string> label_texts = {};  ///< to emboss, the fullest first; empty: no label
-  std::optional<FlatPlane> flat = {};         ///< in S_occ's place, for a stabilisation splint
+  MarginSurface margin = {};                    ///< where the operator drew one
+  std::vector<std::string> label_texts = {};    ///< to emboss, the fullest first; empty: no label
+  std::optional<FlatPlane> flat = {};           ///< in S_occ's place, for a stabilisation splint
+  ToothPartition support_teeth = {};            ///< of the supporting arch
+  std::vector<std::uint8_t> opposing_fdi = {};  ///< per vertex of the opposing arch's scan as given
 
   /// The height at which the splint is cut: depth_mm behind the level, or the drawn margin.
   double cut_mm(const Vector3& p_mm, double depth_mm) const {
@@ -105,8 +108,9 @@ struct PreparationGrid {
   double room_mm = 0.0;
 };
 
+/// `known`: name_jaws() of these inputs and corrections, where the caller has it; found here otherwise.
 Result<Preparation> prepare(const SplintInputs& inputs, const SplintParameters& parameters,
-                            const PreparationGrid& grid = {});
+                            const PreparationGrid& grid = {}, const NamedJaws* known = nullptr);
 
 /// The same jaws once more: with another T_th, other edits, excursions or sizes. What hangs on the supporting
 /// arch alone is kept; its insertion's parameters and depth must be those of `last`.

@@ -40,7 +40,7 @@ struct SupportKey {
   std::uint64_t maxilla = 0, mandible = 0, occlusal_surface = 0;
   Arch arch = Arch::kMaxilla;
   double search_deg = 0, left_deg = 0, anterior_deg = 0, depth_mm = 0, first_tooth = 0, last_tooth = 0;
-  std::string teeth;  // corrections by hand
+  std::string marks;  // teeth corrected by hand, and margins: the insertion hangs on them
 
   SupportKey(const SplintInputs& in, const SplintParameters& p)
       : maxilla(fingerprint(in.maxilla, 1)),
@@ -53,15 +53,16 @@ struct SupportKey {
         depth_mm(p.depth_mm),
         first_tooth(p.first_tooth),
         last_tooth(p.last_tooth) {
-    SplintEdits corrections;
-    corrections.teeth = in.edits.teeth;
-    teeth = marks_toml(corrections);
+    SplintEdits drawn;
+    drawn.teeth = in.edits.teeth;
+    drawn.margins = in.edits.margins;
+    marks = marks_toml(drawn);
   }
   bool operator==(const SupportKey& b) const {
     return maxilla == b.maxilla && mandible == b.mandible && occlusal_surface == b.occlusal_surface &&
            arch == b.arch && search_deg == b.search_deg && left_deg == b.left_deg &&
            anterior_deg == b.anterior_deg && depth_mm == b.depth_mm && first_tooth == b.first_tooth &&
-           last_tooth == b.last_tooth && teeth == b.teeth;
+           last_tooth == b.last_tooth && marks == b.marks;
   }
 };
 

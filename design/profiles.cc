@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 
 #include "design/parallel.h"
-#include "occlusion/teeth.h"
 
 namespace gnathion {
 namespace {
@@ -128,9 +127,7 @@ SplintProfile profile_at(const Place& place, const ArchRuler& ruler, const Splin
   return out;
 }
 
-std::vector<Place> tooth_places(const SplintInputs& inputs, const SplintDesign& design) {
-  const ToothPartition teeth =
-      partition_teeth(inputs.support(), design.arch, inputs.arch, inputs.edits.teeth);
+std::vector<Place> tooth_places(const ToothPartition& teeth) {
   std::vector<Place> out;
   for (std::size_t k = 0; k < teeth.fdi.size(); ++k)
     if (teeth.fdi[k] != 0)
@@ -177,7 +174,7 @@ nlohmann::json point(const Vector3& p) {
 
 std::vector<SplintProfile> splint_profiles(const SplintInputs& inputs, const SplintDesign& design) {
   const ArchRuler ruler(frame_of_jaw(inputs.support(), design.arch, inputs.arch));
-  std::vector<Place> places = tooth_places(inputs, design);
+  std::vector<Place> places = tooth_places(design.support_teeth);
   for (Place& place : tight_places(design, ruler)) {
     const auto same = std::find_if(places.begin(), places.end(), [&](const Place& p) {
       return std::abs(p.s_mm - place.s_mm) < kSamePlaceMm;

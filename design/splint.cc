@@ -95,51 +95,54 @@ void add_pictures(const SplintInputs& inputs, const FinishedSplint& splint, cons
 }
 
 /// Nothing where an arch has no central incisor.
-std::optional<BiteReadout> read_bite(const SplintInputs& inputs, const ArchFrame& arch,
-                                     const std::vector<std::uint8_t>& support_fdi) {
-  const auto opposing_fdi =
-      assign_teeth(inputs.opposing_mi(), arch, inputs.opposing_arch(), inputs.edits.teeth);
+std::optional<BiteReadout> read_bite(const SplintInputs& inputs, const Preparation& preparation) {
+  const ArchFrame& arch = preparation.arch;
+  const auto &support_fdi = preparation.support_fdi, &opposing_fdi = preparation.opposing_fdi;
   const auto points = bite_points(inputs.maxilla, inputs.on_maxilla() ? support_fdi : opposing_fdi,
                                   inputs.mandible_mi, inputs.on_maxilla() ? opposing_fdi : support_fdi, arch);
   if (!points) return std::nullopt;
   return bite_readout(*points, arch, inputs.therapeutic.rigid);
 }
 
-/// All measurements, side by side: each fills its own part of the verification. Returns the side walls' 1st
-/// percentile.
+SplintVerification::Build best_build(const SplintDesign& design) {
+  static const std::vector<float> kNoThickness;
+  const BuildDirection best =
+      find_build_direction({design.splint, kNoThickness, design.part}, design.insertion.direction);
+  return {best.up, best.overhang_mm2, best.cavity_overhang_mm2};
+}
+
+/// All measurements, side by side: each fills its own part of the verification, and one the pictures'
+/// surfaces. Returns the side walls' 1st percentile.
 double verify(const SplintInputs& inputs, const FinishedSplint& splint, const SplintField& field,
               SplintDesign& design) {
   const Preparation& preparation = field.preparation();
   SplintVerification& out = design.verification;
   double side_wall_p01_mm = 0.0;
-  tbb::parallel_invoke([&] { verify_topology(splint, out); },
-                       [&] { verify_walls(splint, field, out, &side_wall_p01_mm, &design.thickness_mm); },
-                       [&] { verify_fit(splint, preparation, inputs.arch, out); },
-                       [&] { verify_contacts(inputs, splint, preparation, out); },
-                       [&] { verify_seating(inputs, splint, preparation, out); },
-                       [&] {
-                         verify_freedom(splint, preparation, out);
-                         // Along the way that must run free.
-                         verify_imprint(splint, preparation, design.parameters, inputs.support(), out);
-                       },
-                       [&] {
-                         const auto& fdi = preparation.support_fdi;
-                         verify_insertability(splint, preparation, inputs.support(), out);
-                         measure_retention(splint, field, inputs.support(), fdi, out.retention);
-                         out.bite = read_bite(inputs, preparation.arch, fdi);
-                         out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
-                         for (Aperture& drawn : drawn_apertures(inputs.edits, preparation.design_from_dental,
-                                                                inputs.support(), fdi))
-                           out.apertures.push_back(std::move(drawn));
-                       });
+  tbb::parallel_invoke(
+      [&] { verify_topology(splint, out); },
+      [&] { verify_walls(splint, field, out, &side_wall_p01_mm, &design.thickness_mm); },
+      [&] { verify_fit(splint, preparation, inputs.arch, out); },
+      [&] { verify_contacts(inputs, splint, preparation, out); },
+      [&] { verify_seating(inputs, splint, preparation, out); }, [&] { out.build = best_build(design); },
+      [&] { add_pictures(inputs, splint, preparation, design); },
+      [&] {
+        verify_freedom(splint, preparation, out);
+        // Along the way that must run free.
+        verify_imprint(splint, preparation, design.parameters, inputs.support(), out);
+      },
+      [&] {
+        const auto& fdi = preparation.support_fdi;
+        verify_insertability(splint, preparation, inputs.support(), out);
+        measure_retention(splint, field, inputs.support(), fdi, out.retention);
+        out.bite = read_bite(inputs, preparation);
+        out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
+        for (Aperture& drawn :
+             drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))
+          out.apertures.push_back(std::move(drawn));
+      });
   const Rigid3 dental = preparation.design_from_dental.inverse();
   out.thickness.where_mm = dental * out.thickness.where_mm;
   return side_wall_p01_mm;
-}
-
-SplintVerification::Build best_build(const SplintSurface& splint, const Vector3& seating_direction) {
-  const BuildDirection best = find_build_direction(splint, seating_direction);
-  return {best.up, best.overhang_mm2, best.cavity_overhang_mm2};
 }
 
 void judge(SplintDesign& design, double side_wall_p01_mm) {
@@ -153,7 +156,7 @@ void judge(SplintDesign& design, double side_wall_p01_mm) {
 }  // namespace
 
 Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParameters& parameters,
-                                   Progress& progress) {
+                                   Progress& progress, const NamedJaws* known) {
   GNATHION_CHECK_OK(check_parameters(parameters));
   SplintDesign design;
   design.parameters = parameters;
@@ -161,8 +164,9 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
   {
     Steps steps(progress, design.timing_s);
     steps.begin("preparation", 0.1);
-    GNATHION_TRY(const Preparation preparation, prepare(inputs, parameters));
+    GNATHION_TRY(const Preparation preparation, prepare(inputs, parameters, {}, known));
     design.arch = preparation.arch;
+    design.support_teeth = preparation.support_teeth;
     design.insertion = preparation.insertion;
     design.edits = inputs.edits;
     design.warnings = preparation.warnings;
@@ -190,17 +194,13 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
     const FinishedSplint splint(std::move(pieces.mesh), field);
 
     steps.begin("verification", 0.35);
+    design.splint = transformed(design.dental_from_design, splint.mesh());
+    for (const SurfacePart part : splint.parts) design.part.push_back(static_cast<std::uint8_t>(part));
     const double side_wall_p01_mm = verify(inputs, splint, field, design);
     warn_of_imprint(design.verification, parameters, design.warnings);
     if (!design.verification.seating_note.empty())
       design.warnings.push_back(design.verification.seating_note + ": no predicted seating");
-    const Rigid3 dental = preparation.design_from_dental.inverse();
     judge(design, side_wall_p01_mm);
-    design.splint = transformed(dental, splint.mesh());
-    for (const SurfacePart part : splint.parts) design.part.push_back(static_cast<std::uint8_t>(part));
-    design.verification.build =
-        best_build({design.splint, design.thickness_mm, design.part}, design.insertion.direction);
-    add_pictures(inputs, splint, preparation, design);
   }
   return design;
 }

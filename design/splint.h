@@ -17,6 +17,7 @@
 #include "design/parameters.h"
 #include "design/verification.h"
 #include "occlusion/arch.h"
+#include "occlusion/teeth.h"
 
 namespace gnathion {
 
@@ -70,6 +71,7 @@ struct SplintDesign {
   std::vector<std::string> warnings;
   StageTimes timing_s;
   ArchFrame arch;
+  ToothPartition support_teeth;  ///< of the arch that wears the splint
   Arch worn_on = Arch::kMaxilla;
   Insertion insertion;  ///< direction in Dental
   SplintEdits edits;
@@ -84,9 +86,10 @@ struct SplintDesign {
 };
 
 /// Builds and verifies. Refused (kInput) are jaws that occlusion/arch.h refuses; a splint that fails a gate
-/// is a value with verdict "fail". Deterministic on any number of threads.
+/// is a value with verdict "fail". Deterministic on any number of threads. `known`: name_jaws() of these
+/// inputs and corrections, where the caller has it.
 Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParameters& parameters,
-                                   Progress& progress);
+                                   Progress& progress, const NamedJaws* known = nullptr);
 
 /// One input file as it stands in design.json and in the 3MF.
 struct InputRecord {

@@ -5,14 +5,12 @@
 
 #include <fmt/format.h>
 
-#include "occlusion/teeth.h"
-
 namespace gnathion {
 namespace {
 
 constexpr double kOnToothMm = 3.0;  // a label's place lies this near to the arch's surface
 
-Status check_arch(const TriangleMesh& mesh, const ArchFrame& arch, Arch which,
+Status check_arch(const TriangleMesh& mesh, const NamedJaws& jaws, Arch which,
                   const ToothCorrections& teeth) {
   const std::vector<std::uint8_t> order = fdi_order(which);
   const auto ours = [&](std::uint8_t fdi) {
@@ -31,16 +29,16 @@ Status check_arch(const TriangleMesh& mesh, const ArchFrame& arch, Arch which,
   }
   for (const std::uint8_t fdi : teeth.missing)
     if (ours(fdi)) told += fmt::format("{}{} missing", told.empty() ? "" : ", ", fdi);
-  if (told.empty() || !partition_teeth(mesh, arch, which, teeth).fdi.empty()) return {};
+  if (told.empty() || !jaws.of(which).partition.fdi.empty()) return {};
   return refuse(fmt::format("no order of teeth along the arch agrees with the corrections ({})", told));
 }
 
 }  // namespace
 
-Status check_tooth_corrections(const SplintInputs& inputs, const ArchFrame& arch) {
+Status check_tooth_corrections(const SplintInputs& inputs, const NamedJaws& jaws) {
   if (inputs.edits.teeth.empty()) return {};
-  GNATHION_CHECK_OK(check_arch(inputs.maxilla, arch, Arch::kMaxilla, inputs.edits.teeth));
-  return check_arch(inputs.mandible_mi, arch, Arch::kMandible, inputs.edits.teeth);
+  GNATHION_CHECK_OK(check_arch(inputs.maxilla, jaws, Arch::kMaxilla, inputs.edits.teeth));
+  return check_arch(inputs.mandible_mi, jaws, Arch::kMandible, inputs.edits.teeth);
 }
 
 }  // namespace gnathion

@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "design/verification_steps.h"
-#include "occlusion/teeth.h"
 
 namespace gnathion {
 namespace {
@@ -65,8 +64,7 @@ void measure_contact_surface(const FinishedSplint& splint, const Preparation& pr
 void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
                      SplintVerification& out) {
   const TriangleMesh& opposing = inputs.opposing_mi();
-  const std::vector<std::uint8_t> fdi =
-      assign_teeth(opposing, preparation.arch, inputs.opposing_arch(), inputs.edits.teeth);
+  const std::vector<std::uint8_t>& fdi = preparation.opposing_fdi;
   const Vector3 away = -preparation.arch.gingival(inputs.arch);
   const Rigid3 dental = preparation.design_from_dental.inverse();
   const MeshQuery natural_surface(
@@ -74,8 +72,13 @@ void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, c
   const Contacts natural =
       find_contacts(opposing, fdi, Rigid3::identity(), natural_surface, away, preparation.arch, kContactMm);
   const Rigid3 tp = inputs.opposing_motion();
-  const MeshQuery splint_dental(transformed(dental, splint.mesh()));
-  out.contacts = find_contacts(opposing, fdi, tp, splint_dental, away, preparation.arch, kContactMm);
+  // Asked in the design frame, where the splint's tree stands.
+  const Rigid3& design = preparation.design_from_dental;
+  ArchFrame arch = preparation.arch;
+  arch.arch_from_dental = arch.arch_from_dental * dental;
+  out.contacts =
+      find_contacts(opposing, fdi, design * tp, splint.query, design.rotation * away, arch, kContactMm);
+  for (ContactPatch& patch : out.contacts.patches) patch.centre_mm = dental * patch.centre_mm;
   if (inputs.therapeutic_covariance)
     out.contact_sigma = contact_sigmas(out.contacts, opposing, fdi, inputs.therapeutic.rigid,
                                        inputs.on_maxilla(), *inputs.therapeutic_covariance);

@@ -1,5 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
+
+#include <tbb/parallel_invoke.h>
 
 #include "design/parallel.h"
 #include "design/verification_steps.h"
@@ -29,19 +32,35 @@ void verify_topology(const FinishedSplint& splint, SplintVerification& out) {
 
 namespace {
 
+/// Of these vertices, what is nearest on the other side of the wall.
+struct Across {
+  std::vector<std::size_t> vertices;
+  std::vector<ClosestHit> hits;
+};
+
 /// Distance of each of these vertices to the other side of the wall.
-void measure_across(const FinishedSplint& splint, std::initializer_list<SurfacePart> parts,
-                    const MeshQuery& other_side, std::vector<float>& thickness) {
-  std::vector<std::size_t> which;
+Across measure_across(const FinishedSplint& splint, std::initializer_list<SurfacePart> parts,
+                      const MeshQuery& other_side, std::vector<float>& thickness) {
+  Across out;
   std::vector<Vector3> points;
   for (std::size_t v = 0; v < splint.parts.size(); ++v)
     if (std::find(parts.begin(), parts.end(), splint.parts[v]) != parts.end()) {
-      which.push_back(v);
+      out.vertices.push_back(v);
       points.push_back(splint.mesh().vertices_mm[v]);
     }
-  const std::vector<ClosestHit> hits = closest_points(other_side, points);
-  for (std::size_t i = 0; i < which.size(); ++i)
-    thickness[which[i]] = static_cast<float>(std::abs(hits[i].distance_mm));
+  out.hits = closest_points(other_side, points);
+  for (std::size_t i = 0; i < out.vertices.size(); ++i)
+    thickness[out.vertices[i]] = static_cast<float>(std::abs(out.hits[i].distance_mm));
+  return out;
+}
+
+/// Vertices of triangles whose three corners are of this part: those of a region.
+std::vector<char> vertices_of_region(const FinishedSplint& splint, SurfacePart part) {
+  std::vector<char> out(splint.parts.size(), 0);
+  for (const Triangle& t : splint.mesh().triangles)
+    if (std::all_of(t.begin(), t.end(), [&](std::uint32_t v) { return splint.parts[v] == part; }))
+      for (const std::uint32_t v : t) out[v] = 1;
+  return out;
 }
 
 }  // namespace
@@ -49,14 +68,17 @@ void measure_across(const FinishedSplint& splint, std::initializer_list<SurfaceP
 void verify_walls(const FinishedSplint& splint, const SplintField& field, SplintVerification& out,
                   double* side_wall_p01_mm, std::vector<float>* thickness_mm) {
   const SplintParameters& par = field.parameters();
-  const TriangleMesh cavity = splint.region({SurfacePart::kCavity});
-  const TriangleMesh outer =
+  TriangleMesh cavity = splint.region({SurfacePart::kCavity});
+  TriangleMesh outer =
       splint.region({SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint, SurfacePart::kRelief});
   *side_wall_p01_mm = 0.0;
   thickness_mm->assign(splint.parts.size(), -1.0f);
   if (cavity.empty() || outer.empty()) return;
-  const MeshQuery to_outer(outer), to_cavity(cavity);
-  measure_across(splint, {SurfacePart::kCavity}, to_outer, *thickness_mm);
+  std::optional<MeshQuery> outer_tree, cavity_tree;
+  tbb::parallel_invoke([&] { outer_tree.emplace(std::move(outer)); },
+                       [&] { cavity_tree.emplace(std::move(cavity)); });
+  const MeshQuery &to_outer = *outer_tree, &to_cavity = *cavity_tree;
+  const Across across = measure_across(splint, {SurfacePart::kCavity}, to_outer, *thickness_mm);
   measure_across(splint,
                  {SurfacePart::kOuter, SurfacePart::kStamp, SurfacePart::kImprint, SurfacePart::kRelief},
                  to_cavity, *thickness_mm);
@@ -65,11 +87,13 @@ void verify_walls(const FinishedSplint& splint, const SplintField& field, Splint
     double thickness = -1.0;
     bool side = false;
   };
-  std::vector<Sample> samples(cavity.vertices_mm.size());
-  const std::vector<ClosestHit> across = closest_points(to_outer, cavity.vertices_mm);
-  parallel_each(samples.size(), [&](std::size_t v) {
-    if (field.estimate(cavity.vertices_mm[v]).rim > -par.wall_mm) return;
-    samples[v] = {std::abs(across[v].distance_mm), field.estimate(across[v].point_mm).cut > par.wall_mm};
+  std::vector<Sample> samples(across.vertices.size());
+  const std::vector<char> of_region = vertices_of_region(splint, SurfacePart::kCavity);
+  const auto place = [&](std::size_t i) { return splint.mesh().vertices_mm[across.vertices[i]]; };
+  parallel_each(samples.size(), [&](std::size_t i) {
+    if (!of_region[across.vertices[i]] || field.estimate(place(i)).rim > -par.wall_mm) return;
+    const ClosestHit& hit = across.hits[i];
+    samples[i] = {std::abs(hit.distance_mm), field.estimate(hit.point_mm).cut > par.wall_mm};
   });
   std::vector<double> all, side;
   double thinnest = 1e300;
@@ -77,7 +101,7 @@ void verify_walls(const FinishedSplint& splint, const SplintField& field, Splint
     if (samples[v].thickness < 0.0) continue;
     if (samples[v].thickness < thinnest) {
       thinnest = samples[v].thickness;
-      out.thickness.where_mm = cavity.vertices_mm[v];
+      out.thickness.where_mm = place(v);
     }
     all.push_back(samples[v].thickness);
     if (samples[v].side) side.push_back(samples[v].thickness);

@@ -55,11 +55,13 @@ std::string model_xml(const std::vector<PlatePart>& parts,
 
 /// A zip archive of deflated entries with a fixed date (1 January 1980, the format's first).
 class Zip {
+  static constexpr int kLevel = 1;  // of 9: a third more bytes than the best, in a tenth of the time
+
  public:
   Status add(const std::string& name, const std::string& bytes) {
     std::string packed(compressBound(bytes.size()) + 16, '\0');
     z_stream stream{};
-    if (deflateInit2(&stream, 4, Z_DEFLATED, -15, 8, Z_DEFAULT_STRATEGY) != Z_OK)
+    if (deflateInit2(&stream, kLevel, Z_DEFLATED, -15, 8, Z_DEFAULT_STRATEGY) != Z_OK)
       return fail(ErrorCode::kInternal, "cannot write 3MF", name, "deflate does not start");
     stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(bytes.data()));
     stream.avail_in = static_cast<uInt>(bytes.size());

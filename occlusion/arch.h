@@ -65,6 +65,13 @@ class ArchRuler {
   ArchFrame frame_;
   std::vector<Eigen::Vector2d> points_;  ///< (left, posterior)
   std::vector<double> s_;                ///< arc length of each point from the midline
+  /// Segments that follow each other, in a circle: what is farther off need not be asked.
+  struct Stretch {
+    std::size_t first = 0, end = 0;
+    Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+    double radius_mm = 0.0;
+  };
+  std::vector<Stretch> stretches_;
 };
 
 }  // namespace gnathion

@@ -46,6 +46,24 @@ struct ToothPartition {
 ToothPartition partition_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
                                const ToothCorrections& corrections = {});
 
+/// The teeth of one arch.
+struct ArchTeeth {
+  ToothPartition partition;
+  std::vector<std::uint8_t> fdi;  ///< of every vertex; 0 for gingiva, palate and base
+};
+ArchTeeth find_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                     const ToothCorrections& corrections = {});
+
+/// A pair of jaws with its orientation and teeth: found once, asked by many steps.
+struct NamedJaws {
+  ArchFrame arch;
+  ArchTeeth maxilla, mandible;
+  const ArchTeeth& of(Arch which) const { return which == Arch::kMaxilla ? maxilla : mandible; }
+};
+/// Refused as by find_arch(). Where no partition agrees with the corrections that arch has no teeth.
+Result<NamedJaws> name_jaws(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
+                            const ToothCorrections& corrections = {});
+
 /// FDI number of every vertex; 0 for gingiva, palate and base.
 std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
                                        const ToothCorrections& corrections = {});

@@ -1,6 +1,7 @@
 // Spreads the teeth of a partition over the mesh: from the middle of each crown outwards, slowly over
 // concave ground (interdental clefts, the gingival margin), against the gingiva spreading from below.
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <cmath>
@@ -139,20 +140,36 @@ std::vector<std::int16_t> spread(const TriangleMesh& mesh, const std::vector<Pla
 
 }  // namespace
 
-std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
-                                       const ToothCorrections& corrections) {
-  const ToothPartition partition = partition_teeth(arch_mesh, frame, which, corrections);
-  if (partition.fdi.empty()) return std::vector<std::uint8_t>(arch_mesh.vertices_mm.size(), 0);
+ArchTeeth find_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                     const ToothCorrections& corrections) {
+  ArchTeeth teeth{partition_teeth(arch_mesh, frame, which, corrections),
+                  std::vector<std::uint8_t>(arch_mesh.vertices_mm.size(), 0)};
+  const ToothPartition& partition = teeth.partition;
+  if (partition.fdi.empty()) return teeth;
   const auto placement = place_vertices(arch_mesh, frame_of_jaw(arch_mesh, frame, which), which, partition);
   const auto label = spread(arch_mesh, placement);
-  std::vector<std::uint8_t> out(label.size(), 0);
-  for (std::size_t i = 0; i < out.size(); ++i) {
+  for (std::size_t i = 0; i < label.size(); ++i) {
     const std::int16_t tooth = label[i] != kUnreached
                                    ? label[i]
                                    : (placement[i].depth_in_crowns < 1.0 ? placement[i].tooth : kGingiva);
-    if (tooth >= 0) out[i] = partition.fdi[static_cast<std::size_t>(tooth)];
+    if (tooth >= 0) teeth.fdi[i] = partition.fdi[static_cast<std::size_t>(tooth)];
   }
-  return out;
+  return teeth;
+}
+
+std::vector<std::uint8_t> assign_teeth(const TriangleMesh& arch_mesh, const ArchFrame& frame, Arch which,
+                                       const ToothCorrections& corrections) {
+  return find_teeth(arch_mesh, frame, which, corrections).fdi;
+}
+
+Result<NamedJaws> name_jaws(const TriangleMesh& maxilla, const TriangleMesh& mandible_mi,
+                            const ToothCorrections& corrections) {
+  NamedJaws jaws;
+  GNATHION_TRY(jaws.arch, find_arch(maxilla, mandible_mi));
+  tbb::parallel_invoke(
+      [&] { jaws.maxilla = find_teeth(maxilla, jaws.arch, Arch::kMaxilla, corrections); },
+      [&] { jaws.mandible = find_teeth(mandible_mi, jaws.arch, Arch::kMandible, corrections); });
+  return jaws;
 }
 
 }  // namespace gnathion

@@ -1,5 +1,9 @@
 #include "pipeline/design_job.h"
 
+#include <vector>
+
+#include <tbb/parallel_invoke.h>
+#include <tbb/task_group.h>
 #include <nlohmann/json.hpp>
 
 #include "core/file.h"
@@ -8,8 +12,8 @@
 #include "design/write_3mf.h"
 #include "design/write_ply.h"
 #include "pipeline/dental_motion.h"
-#include "pipeline/nested_progress.h"
 #include "pipeline/label_picture.h"
+#include "pipeline/nested_progress.h"
 #include "pipeline/pictures.h"
 #include "pipeline/profile_pictures.h"
 #include "pipeline/provenance.h"
@@ -47,7 +51,7 @@ nlohmann::json refusal_json(const DesignJob& job, const DesignInputs& inputs, co
   return {{"verdict", verdict_name(feasibility.verdict)},
           {"violated", feasibility.violated()},
           {"parameters", parameters_json(job.parameters)},
-          {"edits", edits_json(job.edits)},
+          {"edits", edits_json(inputs.splint.edits)},
           {"arch", job.arch == Arch::kMaxilla ? "maxilla" : "mandible"},
           {"inputs", files},
           {"version", kVersion},
@@ -60,11 +64,27 @@ nlohmann::json refusal_json(const DesignJob& job, const DesignInputs& inputs, co
 
 Status write_splint(const SplintDesign& design, const DesignInputs& inputs, const fs::path& folder) {
   if (design.verdict != "pass") return write_mesh(folder / "splint.rejected.stl", design.splint);
-  GNATHION_CHECK_OK(write_mesh(folder / "splint.stl", design.splint));
-  GNATHION_CHECK_OK(
-      write_splint_ply(folder / "splint.ply", {design.splint, design.thickness_mm, design.part}));
-  return write_3mf(folder / "splint.3mf", design.splint,
-                   splint_metadata(design, inputs.splint.therapeutic, inputs.files));
+  Status stl, ply, archive;
+  tbb::parallel_invoke(
+      [&] { stl = write_mesh(folder / "splint.stl", design.splint); },
+      [&] {
+        ply = write_splint_ply(folder / "splint.ply", {design.splint, design.thickness_mm, design.part});
+      },
+      [&] {
+        archive = write_3mf(folder / "splint.3mf", design.splint,
+                            splint_metadata(design, inputs.splint.therapeutic, inputs.files));
+      });
+  for (const Status& status : {stl, ply, archive}) GNATHION_CHECK_OK(status);
+  return {};
+}
+
+/// On one thread: there is one drawing context in the process.
+Status draw_pictures(const SplintInputs& inputs, const SplintDesign& design,
+                     const std::vector<SplintProfile>& profiles, const fs::path& folder) {
+  GNATHION_CHECK_OK(draw_design(inputs, design, folder / "pictures"));
+  GNATHION_CHECK_OK(draw_profiles(inputs, profiles, folder));
+  GNATHION_CHECK_OK(draw_undercut_map(inputs, design, folder));
+  return draw_label(design, folder);
 }
 
 /// What T_th is checked with, beside the jaws, goes into provenance like any other input.
@@ -77,12 +97,13 @@ Status add_knowledge_records(const KnowledgeFiles& known, DesignInputs& in) {
 }
 
 /// T_th checked with all that is known of the patient.
-Result<Feasibility> check_inputs(const DesignJob& job, const DesignInputs& inputs, Progress& progress) {
+Result<Feasibility> check_inputs(const DesignJob& job, const DesignInputs& inputs, const NamedJaws& named,
+                                 Progress& progress) {
   RealizabilityLimits limits;
   limits.wall_mm = job.parameters.wall_mm;
   limits.aperture_mm = job.parameters.aperture_limit_mm;
   const TriangleMesh &maxilla = inputs.splint.maxilla, &mandible = inputs.splint.mandible_mi;
-  GNATHION_TRY(RealizabilityChecker checker, RealizabilityChecker::create(maxilla, mandible, limits));
+  RealizabilityChecker checker = RealizabilityChecker::create(maxilla, mandible, named, limits);
   std::vector<std::string> notes = job.known_notes;
   GNATHION_CHECK_OK(add_knowledge(job.known, maxilla, mandible, &checker, &notes, progress));
   Feasibility out = checker.check(inputs.splint.therapeutic, inputs.motion.covariance);
@@ -146,7 +167,9 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
 
   progress.begin_step("checking what can be realized", 0.10);
   DesignOutcome outcome;
-  GNATHION_TRY(outcome.feasibility, check_inputs(job, inputs, progress));
+  GNATHION_TRY(const NamedJaws named,
+               name_jaws(inputs.splint.maxilla, inputs.splint.mandible_mi, inputs.splint.edits.teeth));
+  GNATHION_TRY(outcome.feasibility, check_inputs(job, inputs, named, progress));
   GNATHION_CHECK_OK(write_json(folder / "feasibility.json", feasibility_json(outcome.feasibility)));
   if (outcome.feasibility.verdict == Verdict::kNotRealizable) {
     outcome.report = std::make_shared<json>(refusal_json(job, inputs, outcome.feasibility, total.seconds()));
@@ -155,7 +178,7 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
   }
 
   NestedProgress building(progress, "building and verifying the splint", 0.70);
-  Result<SplintDesign> design = design_splint(inputs.splint, job.parameters, building);
+  Result<SplintDesign> design = design_splint(inputs.splint, job.parameters, building, &named);
   if (!design && design.error().code == ErrorCode::kGate) {  // no solid came out: a verdict, not an error
     json report = refusal_json(job, inputs, outcome.feasibility, total.seconds());
     report["verdict"] = "fail";
@@ -168,17 +191,18 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
   outcome.design = std::move(*design);
 
   progress.begin_step("writing and drawing", 0.15);
-  GNATHION_CHECK_OK(write_splint(*outcome.design, inputs, folder));
-  const std::vector<SplintProfile> profiles = splint_profiles(inputs.splint, *outcome.design);
+  const SplintDesign& made = *outcome.design;
+  const std::vector<SplintProfile> profiles = splint_profiles(inputs.splint, made);
+  Status written;
+  tbb::task_group writing;
+  writing.run([&] { written = write_splint(made, inputs, folder); });
+  const Status pictures = job.pictures ? draw_pictures(inputs.splint, made, profiles, folder) : Status();
+  writing.wait();
+  GNATHION_CHECK_OK(written);
+  GNATHION_CHECK_OK(pictures);
   json told = design_json(*outcome.design, inputs.files, kVersion, total.seconds(), peak_rss_mib());
   told["profiles"] = profiles_json(profiles);
   outcome.report = std::make_shared<json>(std::move(told));
-  if (job.pictures) {
-    GNATHION_CHECK_OK(draw_design(inputs.splint, *outcome.design, folder / "pictures"));
-    GNATHION_CHECK_OK(draw_profiles(inputs.splint, profiles, folder));
-    GNATHION_CHECK_OK(draw_undercut_map(inputs.splint, *outcome.design, folder));
-    GNATHION_CHECK_OK(draw_label(*outcome.design, folder));
-  }
   GNATHION_CHECK_OK(write_json(folder / "design.json", *outcome.report));
   return outcome;
 }

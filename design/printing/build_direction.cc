@@ -101,6 +101,7 @@ BuildDirection find_build_direction(const SplintSurface& splint, const Vector3& 
   frame.col(1) = cavity_opens.cross(frame.col(0));
   struct Bin {
     Vector3 cavity = Vector3::Zero(), other = Vector3::Zero();
+    double cavity_mm2 = 0.0, other_mm2 = 0.0;  // their lengths
   };
   constexpr int kRows = 38, kColumns = kBins / kRows;
   std::vector<Bin> bins(static_cast<std::size_t>(kRows * kColumns));
@@ -117,12 +118,16 @@ BuildDirection find_build_direction(const SplintSurface& splint, const Vector3& 
     Bin& bin = bins[static_cast<std::size_t>(row * kColumns + column)];
     (is_cavity(splint, t) ? bin.cavity : bin.other) += scaled;
   }
+  for (Bin& bin : bins) {
+    bin.cavity_mm2 = bin.cavity.norm();
+    bin.other_mm2 = bin.other.norm();
+  }
   const double limit = -std::cos(self_supporting_deg * M_PI / 180.0);
   std::vector<std::pair<double, std::size_t>> ranked(directions.size());
   parallel_each(directions.size(), [&](std::size_t d) {
     double cavity = 0.0, other = 0.0;
     for (const Bin& bin : bins) {
-      const double c = bin.cavity.norm(), o = bin.other.norm();
+      const double c = bin.cavity_mm2, o = bin.other_mm2;
       if (bin.cavity.dot(directions[d]) < limit * c) cavity += c;
       if (bin.other.dot(directions[d]) < limit * o) other += o;
     }
