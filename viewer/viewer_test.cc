@@ -566,8 +566,8 @@ TEST_F(ViewerTest, BuildsInTheBackgroundOrIsCancelled) {
 
   auto* tabs = h.find<QTabWidget>("designTabs");
   QTest::mouseClick(tabs->tabBar(), Qt::LeftButton, {}, tabs->tabBar()->tabRect(1).center());
-  h.type(h.find<QDoubleSpinBox>("parameter_voxel_mm"), "0.2");
-  EXPECT_NEAR(h.window.document().state().parameters.voxel_mm, 0.2, 1e-9);
+  h.type(h.find<QDoubleSpinBox>("parameter_voxel_mm"), "0.25");
+  EXPECT_NEAR(h.window.document().state().parameters.voxel_mm, 0.25, 1e-9);
   h.click("buildSplint");
   EXPECT_TRUE(h.wait([&] { return !h.window.jobs().busy(); }));
   EXPECT_TRUE(fs::exists(folder_ / "designs" / "design_001" / "design.json"));

@@ -134,6 +134,8 @@ QWidget* DesignPanel::make_gates() {
   gates_->setColumnWidth(2, 82);
   gates_->setColumnWidth(3, 50);
   gates_->horizontalHeader()->setSectionResizeMode(1, QHeaderView::Stretch);
+  gates_->setMinimumHeight(96);
+  gates_->setSizePolicy(QSizePolicy::Expanding, QSizePolicy::Ignored);  // it takes what is left
   gates_->setToolTip("Click: go to its place");
   connect(gates_, &QTableWidget::cellClicked, this, [this](int row, int) { click_gate(row); });
   column->addWidget(gates_, 1);
