@@ -84,6 +84,7 @@ struct Scene3d::Impl {
   double detail = 1.0;  ///< of the picture's width and height that is drawn
   QSize view_px;
   std::optional<bool> drawn_by_processor;
+  bool scale_shown = false;
   bool fitted = false;  ///< nobody has moved the camera since all that shows was brought into view
   bool moving = false, scheduled = false, placed = false, full_allowed = true, interacting = false;
   SectionPlane plane;

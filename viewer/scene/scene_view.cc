@@ -281,6 +281,9 @@ void Scene3d::look_from(const Vector3& towards_viewer, const Vector3& up) {
   const double tan_x = tan_y * s.widget->width() / std::max(1, s.widget->height());
   // In perspective, each surface point asks for a distance on its own; the largest of each side make the
   // frame narrowest and put what is seen, not its box, into the middle.
+  // A colour scale at the right edge keeps its place: the frame ends before it.
+  const double usable =
+      s.scale_shown && s.widget->width() > 480 ? 1.0 - 2.0 * 124.0 / s.widget->width() : 1.0;
   double most[4] = {-1e300, -1e300, -1e300, -1e300};
   for (const Layer& layer : s.layers.layers()) {
     if (!layer.visible || !layer.mesh) continue;
@@ -289,15 +292,16 @@ void Scene3d::look_from(const Vector3& towards_viewer, const Vector3& up) {
     for (std::size_t i = 0; i < vertices.size(); i += step) {
       const Vector3 p = layer.pose * vertices[i];
       const double x = right.dot(p) / tan_x, y = above.dot(p) / tan_y, z = back.dot(p);
-      const double asked[4] = {z + x, z - x, z + y, z - y};
+      const double asked[4] = {z + x / usable, z - x, z + y, z - y};
       for (int k = 0; k < 4; ++k) most[k] = std::max(most[k], asked[k]);
     }
   }
   const bool empty = most[0] < -1e299;
-  const double reach = empty ? 200.0 : 0.5 * std::max(most[0] + most[1], most[2] + most[3]);
+  // Where both sides ask for the same distance.
+  const double aside = empty ? 0.0 : (most[0] - most[1]) / (1.0 + 1.0 / usable);
+  const double reach = empty ? 200.0 : std::max(most[1] + aside, 0.5 * (most[2] + most[3]));
   const Vector3 on_axis =
-      empty ? Vector3::Zero()
-            : Vector3(0.5 * tan_x * (most[0] - most[1]) * right + 0.5 * tan_y * (most[2] - most[3]) * above);
+      empty ? Vector3::Zero() : Vector3(tan_x * aside * right + 0.5 * tan_y * (most[2] - most[3]) * above);
   const double depth = empty ? 0.0 : back.dot(s.middle());
   const Vector3 focus = on_axis + depth * back, eye = focus + 1.08 * (reach - depth) * back;
   camera->SetFocalPoint(focus.data());
@@ -375,6 +379,7 @@ void Scene3d::clear_overlay(const std::string& overlay_name) {
 }
 
 void Scene3d::set_colour_scale(std::optional<ColourScale> scale) {
+  impl_->scale_shown = scale.has_value();
   impl_->overlay_widget->set_scale(std::move(scale));
 }
 
