@@ -17,7 +17,7 @@ namespace gnathion {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr int kBusy_ms = 10'000;
+constexpr int kBusy_ms = 3'000;
 constexpr int kApplicationId = 0x676e6174;  // "gnat"
 constexpr int kSchemaVersion = 1;
 constexpr const char* kSchema = R"sql(

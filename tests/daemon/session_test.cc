@@ -3,6 +3,8 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sqlite3.h>
+#include <sys/mount.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -194,6 +196,83 @@ TEST_F(DaemonSession, CaseTomlNamesTheNewestRecording) {
   ASSERT_TRUE(stopped);
   EXPECT_THAT(stopped->message, HasSubstr("chosen.mcap stays the recording that case.toml names"));
   EXPECT_EQ(named_recording(), folder / "chosen.mcap");
+}
+
+/// A small disk at `folder`, as root; gone with its object.
+class SmallDisk {
+ public:
+  explicit SmallDisk(const fs::path& folder) : folder_(folder) {
+    fs::create_directories(folder);
+    mounted_ = ::mount("tmpfs", folder.c_str(), "tmpfs", 0, "size=2m,mode=0700") == 0;
+  }
+  ~SmallDisk() {
+    if (mounted_) ::umount2(folder_.c_str(), MNT_DETACH);
+  }
+  bool mounted() const { return mounted_; }
+  void fill() const {
+    std::ofstream filler(folder_ / "filler", std::ios::binary);
+    const std::string block(4096, 'x');
+    while (filler.write(block.data(), 4096).flush()) {
+    }
+  }
+  void free() const { fs::remove(folder_ / "filler"); }
+
+ private:
+  fs::path folder_;
+  bool mounted_ = false;
+};
+
+TEST_F(DaemonSession, AFullDiskOfStateCostsNoRecording) {
+  const SmallDisk disk(folder_.path() / "state");
+  if (!disk.mounted()) GTEST_SKIP() << "a small disk can only be made by root";
+  start();
+  const fs::path folder = daemon_->cases() / "case-1";
+  {  // Neither the note that a recording waits for its case nor a line of the audit trail can be written.
+    const auto lock = CaseLock::take(folder, "test");
+    ASSERT_TRUE(lock);
+    arm_and_start();
+    disk.fill();
+    ASSERT_TRUE(eventually([&] { return client_->session()->file_bytes > 100'000; }));
+    const auto stopped = client_->stop();
+    ASSERT_TRUE(stopped) << stopped.error().line();
+    EXPECT_TRUE(named_recording().empty());
+  }
+  const fs::path made = folder / "recordings/recording_001.mcap";
+  EXPECT_TRUE(eventually([&] { return named_recording() == made; })) << daemon_->log();
+  EXPECT_EQ(run_program({DaemonProcess::program(), "recording", "verify", made.string()}), 0);
+  // One that could not be made whole after a crash does not begin.
+  const auto refused = client_->start();
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().line(), HasSubstr("No space left"));
+  // With room again everything goes on, and the trail holds.
+  disk.free();
+  EXPECT_TRUE(eventually([&] { return client_->create_case("case-2").has_value(); })) << daemon_->log();
+  daemon_->signal(SIGTERM);
+  EXPECT_EQ(daemon_->wait(), 0);
+  std::string said;
+  EXPECT_EQ(
+      run_program({DaemonProcess::program(), "audit", "verify", (daemon_->state() / "audit.jsonl").string()},
+                  &said),
+      0)
+      << said;
+}
+
+TEST_F(DaemonSession, ServesWhileSomebodyKeepsTheCatalogueLocked) {
+  start();
+  daemon_->kill_and_wait();
+  sqlite3* other = nullptr;
+  ASSERT_EQ(sqlite3_open((daemon_->state() / "catalogue.sqlite").c_str(), &other), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(other, "PRAGMA locking_mode=EXCLUSIVE; BEGIN EXCLUSIVE", nullptr, nullptr, nullptr),
+            SQLITE_OK);
+  EXPECT_TRUE(daemon_->start()) << daemon_->log();
+  EXPECT_THAT(daemon_->log(), HasSubstr("catalogue"));
+  client_ = daemon_->connect();
+  const auto cases = client_->cases();
+  ASSERT_TRUE(cases) << cases.error().line();
+  EXPECT_EQ(cases->size(), 1u);
+  arm_and_start();
+  EXPECT_TRUE(client_->stop());
+  sqlite3_close(other);
 }
 
 TEST_F(DaemonSession, ARecordingEndsByItselfWhenItsSourcesDo) {
