@@ -56,7 +56,7 @@ ApiResult<fs::path> output_in_case(const CaseRoot& root, const fs::path& case_fo
   if (!missing.empty() && fs::exists(case_folder / there, ec))
     return refuse(ApiCode::kInvalidArgument,
                   fmt::format("'{}' is no folder: choose another", there.string()));
-  auto made = path_in_case(root, case_folder, there.string(), PathUse::kNew);
+  auto made = path_in_case(root, case_folder, there.empty() ? given : there.string(), PathUse::kNew);
   if (!made || missing.empty()) return made;
   return *made / missing;
 }
