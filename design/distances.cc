@@ -148,16 +148,19 @@ class Sampler {
       by = t;
     });
     if (by == kNoTriangle) return;
-    // A ball that meets a neighbour's ball lies on its side.
+    // A ball that meets a neighbour's ball lies on its side. `mine` may be a little large, since only the
+    // neighbours' triangles were tried: the balls that meet most tell, and where both sides' do, a search.
     const double mine = std::sqrt(least);
-    int side = 0;
+    double outside = 0.0, inside = 0.0;
     each_neighbour(at, [&](std::uint32_t other) {
-      if (side != 0 || !known[other]) return;
+      if (!known[other]) return;
       const double theirs = distance.values()[other];
       const double apart = (node_at(other) - at).cast<double>().norm() * shape_.spacing_mm;
-      if (mine + std::abs(theirs) > 1.001 * apart) side = theirs < 0.0 ? -1 : 1;
+      double& most = theirs < 0.0 ? inside : outside;
+      most = std::max(most, mine + std::abs(theirs) - 1.001 * apart);
     });
-    if (side == 0) {
+    int side = outside > inside ? 1 : -1;
+    if (std::abs(outside - inside) < 0.1 * shape_.spacing_mm) {
       const auto searched = solid_distance(solid_, p, reach_mm + 1e-3);
       side = searched && searched->distance_mm < 0.0 ? -1 : 1;
     }

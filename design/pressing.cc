@@ -354,11 +354,20 @@ void press_on_way(TriangleMesh& splint, const MeshQuery& support, double engagem
   }
 }
 
-/// Triangles with a vertex near the jaw, by its coarse distances.
+/// Triangles that may come near the jaw anywhere, by its coarse distances at their corners.
 std::vector<std::uint32_t> triangles_near(const TriangleMesh& mesh, const CoarseGrid& jaw) {
-  std::vector<char> near(mesh.vertices_mm.size());
-  parallel_each(near.size(), [&](std::size_t v) { near[v] = jaw.linear(mesh.vertices_mm[v]) < kNearMm; });
-  return triangles_at(mesh, near);
+  std::vector<double> away(mesh.vertices_mm.size());
+  parallel_each(away.size(), [&](std::size_t v) { away[v] = jaw.linear(mesh.vertices_mm[v]); });
+  std::vector<std::uint32_t> near;
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const auto& [a, b, c] = mesh.triangles[t];
+    const Vector3 &pa = mesh.vertices_mm[a], &pb = mesh.vertices_mm[b], &pc = mesh.vertices_mm[c];
+    const double longest =
+        std::sqrt(std::max({(pb - pa).squaredNorm(), (pc - pb).squaredNorm(), (pa - pc).squaredNorm()}));
+    // No point of a triangle is farther from its corners than that.
+    if (std::min({away[a], away[b], away[c]}) < kNearMm + longest / std::sqrt(3.0)) near.push_back(t);
+  }
+  return near;
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "core/time.h"
+#include "design/tooth_corrections.h"
 #include "design/write_3mf.h"
 #include "design/write_ply.h"
 #include "pipeline/dental_motion.h"
@@ -169,6 +170,7 @@ Result<DesignOutcome> run_design(const DesignJob& job, const fs::path& folder, P
   DesignOutcome outcome;
   GNATHION_TRY(const NamedJaws named,
                name_jaws(inputs.splint.maxilla, inputs.splint.mandible_mi, inputs.splint.edits.teeth));
+  GNATHION_CHECK_OK(check_tooth_corrections(inputs.splint, named));
   GNATHION_TRY(outcome.feasibility, check_inputs(job, inputs, named, progress));
   GNATHION_CHECK_OK(write_json(folder / "feasibility.json", feasibility_json(outcome.feasibility)));
   if (outcome.feasibility.verdict == Verdict::kNotRealizable) {
