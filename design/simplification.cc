@@ -1,6 +1,8 @@
 #include "design/simplification.h"
 
 #include <algorithm>
+#include <map>
+#include <utility>
 
 #include "core/mesh_query.h"
 #include "design/adaptive_mesh.h"
@@ -12,7 +14,7 @@ constexpr double kToleranceOnTeethMm = 0.003, kToleranceMm = 0.01;
 constexpr double kSharp = 0.25;  // of Preparation's sharpness: about 40° of turn
 constexpr double kAroundTipsMm = 0.3;
 constexpr double kAroundCrossingsMm = 0.6;
-constexpr int kAttempts = 4;
+constexpr int kAttempts = 4, kUntanglingRounds = 12;
 
 /// Cells of the coarse grid in which no vertex is removed.
 class ProtectedCells {
@@ -43,9 +45,30 @@ void protect_tips(const TriangleMesh& jaw, const std::vector<double>& sharpness,
     if (sharpness[v] > kSharp) cells.protect(jaw.vertices_mm[v], kAroundTipsMm);
 }
 
+/// Surfaces that pass through one cell twice, closer than its edges are long, may be triangulated through
+/// each other. Their corners go to the middle of their neighbours until none cross.
+TriangleMesh untangled(TriangleMesh mesh) {
+  for (int round = 0; round < kUntanglingRounds; ++round) {
+    const auto crossings = self_intersections(mesh);
+    if (crossings.empty()) break;
+    std::map<std::uint32_t, std::pair<Vector3, int>> around;
+    for (const auto& pair : crossings)
+      for (const std::uint32_t t : pair)
+        for (const std::uint32_t v : mesh.triangles[t]) around[v] = {Vector3::Zero(), 0};
+    for (const Triangle& t : mesh.triangles)
+      for (int k = 0; k < 3; ++k)
+        if (const auto at = around.find(t[k]); at != around.end()) {
+          at->second.first += mesh.vertices_mm[t[(k + 1) % 3]];
+          ++at->second.second;
+        }
+    for (const auto& [v, sum] : around) mesh.vertices_mm[v] = sum.first / sum.second;
+  }
+  return mesh;
+}
+
 }  // namespace
 
-TriangleMesh simplified(const TriangleMesh& mesh, const SplintField& field) {
+TriangleMesh simplified(TriangleMesh mesh, const SplintField& field) {
   const Preparation& preparation = field.preparation();
   ProtectedCells kept(preparation.coarse);
   protect_tips(preparation.support.mesh(), preparation.support_sharpness, kept);
@@ -59,6 +82,7 @@ TriangleMesh simplified(const TriangleMesh& mesh, const SplintField& field) {
     TriangleMesh fewer = adaptive_mesh(mesh, options);
     const auto crossings = self_intersections(fewer);
     if (crossings.empty()) return fewer;
+    if (attempt == 0) mesh = untangled(std::move(mesh));  // else they would come back each time
     for (const auto& pair : crossings)
       for (const std::uint32_t t : pair)
         for (int k = 0; k < 3; ++k) kept.protect(fewer.corner(t, k), kAroundCrossingsMm);

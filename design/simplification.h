@@ -8,6 +8,6 @@ namespace gnathion {
 
 /// Within 0.003 mm of the extracted surface on teeth, 0.01 mm elsewhere. About tips and crests of either jaw
 /// nothing is removed (long triangles would cut them), nor where the simpler mesh would cross itself.
-TriangleMesh simplified(const TriangleMesh& mesh, const SplintField& field);
+TriangleMesh simplified(TriangleMesh mesh, const SplintField& field);
 
 }  // namespace gnathion

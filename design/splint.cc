@@ -187,7 +187,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
       return fail(ErrorCode::kGate, "cannot design", "splint", "nothing remains between the jaws");
 
     steps.begin("simplification", 0.1);
-    pieces.mesh = simplified(pieces.mesh, field);
+    pieces.mesh = simplified(std::move(pieces.mesh), field);
 
     steps.begin("pressing", 0.1);
     press_free_of_jaws(pieces.mesh, field, kPressToleranceMm);
