@@ -15,6 +15,7 @@ constexpr double kStepMm = 0.05;     // of the search for the imprint's surface 
 constexpr double kGridError = 0.4;   // of the spacing: of that surface, which comes from coarse grids
 constexpr double kFarMm = 200.0;
 constexpr int kMostHits = 8;
+constexpr double kBetween = 1.0 / 3.0;  // of the spacing: steep imprints are looked at between nodes, too
 constexpr int kSmoothNodes = 1, kSmoothPasses = 2;
 constexpr int kMarginNodes =
     kSmoothNodes * kSmoothPasses + 1;  // what smoothing and interpolation may take from the reach
@@ -72,30 +73,63 @@ ImprintLimit::ImprintLimit(const Preparation& preparation, double depth_mm,
   low_ = box.min_mm;
   nx_ = static_cast<int>(box.size_mm().x() / spacing_mm_) + 2;
   ny_ = static_cast<int>(box.size_mm().y() / spacing_mm_) + 2;
-  const std::size_t count = static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_);
-  const Vector3 up = axes_.col(2);
-  const double top_mm = box.size_mm().z(), error_mm = kGridError * spacing_mm_;
+  const Heights imprint = imprints(box.size_mm().z(), preparation.opposing, solid);
+  const bool any = std::any_of(imprint.begin(), imprint.end(), [](const auto& h) { return h.has_value(); });
+  if (!any) return;
+  raise(imprint, natural_relief(imprint, preparation), depth_mm - kGridError * spacing_mm_);
+  let_fall();
+  smooth();
+}
 
-  std::vector<std::optional<double>> imprint(count);  // heights over low_
-  parallel_each(nx_, [&](int i) {
-    for (int j = 0; j < ny_; ++j)
-      imprint[static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j)] =
-          imprint_height(axes_ * node(i, j), up, top_mm, error_mm, preparation.opposing, solid);
-  });
-
-  // The natural relief where an imprint is near.
-  const auto near = disc(std::max(0.0, kImprintReachMm - spacing_mm_), spacing_mm_);
-  const Rigid3 natural_from_tp = preparation.tp_from_mi.inverse();
-  const double unset = 2.0 * kFarMm, none = 3.0 * kFarMm;
-  std::vector<double> natural(count, none);
-  const auto index = [&](int i, int j) {
-    return static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
+/// By node, the highest imprint about it: on a slope the next node may lie a good deal lower, or miss it.
+ImprintLimit::Heights ImprintLimit::imprints(double top_mm, const MeshQuery& opposing,
+                                             const std::function<bool(const Vector3&)>& solid) const {
+  const auto height_at = [&](const Vector3& p) {
+    return imprint_height(axes_ * p, axes_.col(2), top_mm, kGridError * spacing_mm_, opposing, solid);
   };
+  Heights at_node(static_cast<std::size_t>(nx_) * static_cast<std::size_t>(ny_));
+  parallel_each(nx_, [&](int i) {
+    for (int j = 0; j < ny_; ++j) at_node[index(i, j)] = height_at(node(i, j));
+  });
+  const auto near_imprint = [&](int i, int j) {
+    for (int di = -1; di <= 1; ++di)
+      for (int dj = -1; dj <= 1; ++dj)
+        if (has_node(i + di, j + dj) && at_node[index(i + di, j + dj)]) return true;
+    return false;
+  };
+  Heights highest = at_node;
+  parallel_each(nx_, [&](int i) {
+    for (int j = 0; j < ny_; ++j) {
+      if (!near_imprint(i, j)) continue;
+      std::optional<double>& here = highest[index(i, j)];
+      for (const double x : {-kBetween, 0.0, kBetween})
+        for (const double y : {-kBetween, 0.0, kBetween})
+          if (const auto height = height_at(node(i, j) + spacing_mm_ * Vector3(x, y, 0.0)))
+            here = std::max(here.value_or(*height), *height);
+    }
+  });
+  return highest;
+}
+
+/// Calls body(i, j, a, b) for the nodes (a, b) within reach of an imprint at (i, j).
+template <class Body>
+void ImprintLimit::each_near(const Heights& imprint, const Body& body) const {
+  const auto near = disc(std::max(0.0, kImprintReachMm - spacing_mm_), spacing_mm_);
   for (int i = 0; i < nx_; ++i)
     for (int j = 0; j < ny_; ++j)
       if (imprint[index(i, j)])
         for (const auto& [di, dj] : near)
-          if (has_node(i + di, j + dj)) natural[index(i + di, j + dj)] = unset;
+          if (has_node(i + di, j + dj)) body(i, j, i + di, j + dj);
+}
+
+/// By node within reach of an imprint, the height of the natural relief; kFarMm and more: none.
+std::vector<double> ImprintLimit::natural_relief(const Heights& imprint,
+                                                 const Preparation& preparation) const {
+  const Rigid3 natural_from_tp = preparation.tp_from_mi.inverse();
+  const Vector3 up = axes_.col(2);
+  const double unset = 2.0 * kFarMm, none = 3.0 * kFarMm;
+  std::vector<double> natural(imprint.size(), none);
+  each_near(imprint, [&](int, int, int i, int j) { natural[index(i, j)] = unset; });
   parallel_each(nx_, [&](int i) {
     for (int j = 0; j < ny_; ++j) {
       double& height = natural[index(i, j)];
@@ -105,49 +139,45 @@ ImprintLimit::ImprintLimit(const Preparation& preparation, double depth_mm,
       height = hit ? hit->distance_mm - kFarMm : none;
     }
   });
+  return natural;
+}
 
-  const double nothing = -kFarMm;
-  floor_.assign(count, nothing);
+/// The floor beside each imprint, `depth_mm` under the lowest place of relief or imprint.
+void ImprintLimit::raise(const Heights& imprint, const std::vector<double>& natural, double depth_mm) {
+  floor_.assign(imprint.size(), -kFarMm);
+  std::vector<double> lowest(imprint.size());
+  for (std::size_t c = 0; c < imprint.size(); ++c) lowest[c] = imprint[c].value_or(0.0);
+  each_near(imprint, [&](int i, int j, int a, int b) {
+    lowest[index(i, j)] = std::min(lowest[index(i, j)], natural[index(a, b)]);
+  });
   const auto beside = disc(kImprintReachMm + kMarginNodes * spacing_mm_, spacing_mm_);
-  bool any = false;
   for (int i = 0; i < nx_; ++i)
-    for (int j = 0; j < ny_; ++j) {
-      if (!imprint[index(i, j)]) continue;
-      any = true;
-      double lowest = *imprint[index(i, j)];
-      for (const auto& [di, dj] : near)
-        if (has_node(i + di, j + dj)) lowest = std::min(lowest, natural[index(i + di, j + dj)]);
-      const double floor = lowest - depth_mm + error_mm;
-      for (const auto& [di, dj] : beside)
-        if (has_node(i + di, j + dj)) at(i + di, j + dj) = std::max(at(i + di, j + dj), floor);
-    }
-  if (!any) {
-    floor_.clear();
-    return;
-  }
-  let_fall();
-  smooth();
+    for (int j = 0; j < ny_; ++j)
+      if (imprint[index(i, j)])
+        for (const auto& [di, dj] : beside)
+          if (has_node(i + di, j + dj))
+            at(i + di, j + dj) = std::max(at(i + di, j + dj), lowest[index(i, j)] - depth_mm);
 }
 
 void ImprintLimit::let_fall() {
   const double straight = kFallSlope * spacing_mm_, askew = std::sqrt(2.0) * straight;
-  const auto raise = [&](int i, int j, int di, int dj) {
+  const auto lift = [&](int i, int j, int di, int dj) {
     if (has_node(i + di, j + dj))
       at(i, j) = std::max(at(i, j), at(i + di, j + dj) - (di != 0 && dj != 0 ? askew : straight));
   };
   for (int i = 0; i < nx_; ++i)
     for (int j = 0; j < ny_; ++j) {
-      raise(i, j, -1, 0);
-      raise(i, j, 0, -1);
-      raise(i, j, -1, -1);
-      raise(i, j, -1, 1);
+      lift(i, j, -1, 0);
+      lift(i, j, 0, -1);
+      lift(i, j, -1, -1);
+      lift(i, j, -1, 1);
     }
   for (int i = nx_ - 1; i >= 0; --i)
     for (int j = ny_ - 1; j >= 0; --j) {
-      raise(i, j, 1, 0);
-      raise(i, j, 0, 1);
-      raise(i, j, 1, 1);
-      raise(i, j, 1, -1);
+      lift(i, j, 1, 0);
+      lift(i, j, 0, 1);
+      lift(i, j, 1, 1);
+      lift(i, j, 1, -1);
     }
 }
 

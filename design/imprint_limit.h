@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "design/preparation.h"
@@ -27,14 +28,20 @@ class ImprintLimit {
   double below_mm(const Vector3& p_mm) const;
 
  private:
-  double& at(int i, int j) {
-    return floor_[static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j)];
+  using Heights = std::vector<std::optional<double>>;  ///< by node, over low_
+  std::size_t index(int i, int j) const {
+    return static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j);
   }
-  double at(int i, int j) const {
-    return floor_[static_cast<std::size_t>(i) * static_cast<std::size_t>(ny_) + static_cast<std::size_t>(j)];
-  }
+  double& at(int i, int j) { return floor_[index(i, j)]; }
+  double at(int i, int j) const { return floor_[index(i, j)]; }
   Vector3 node(int i, int j) const { return low_ + spacing_mm_ * Vector3(i, j, 0.0); }
   bool has_node(int i, int j) const { return i >= 0 && j >= 0 && i < nx_ && j < ny_; }
+  Heights imprints(double top_mm, const MeshQuery& opposing,
+                   const std::function<bool(const Vector3&)>& solid) const;
+  std::vector<double> natural_relief(const Heights& imprint, const Preparation& preparation) const;
+  void raise(const Heights& imprint, const std::vector<double>& natural, double depth_mm);
+  template <class Body>
+  void each_near(const Heights& imprint, const Body& body) const;
   void let_fall();
   void smooth();
 
