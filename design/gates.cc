@@ -13,6 +13,8 @@ constexpr double kInsertionToleranceMm = 0.02;  // as deep as surfaces at rest m
 constexpr double kUndercutMm = 0.05;            // of the imprint to the opening path
 constexpr double kLocksMm = 0.1;                // the same, past what the coarse sweep may miss
 constexpr double kWallToleranceMm = 0.02;       // of triangles at 0.1 mm voxels
+constexpr double kTouchesMm2 = 0.1;             // a positioning splint that touches less holds no jaw ...
+constexpr double kNaturalMm2 = 0.5;             // ... where MI's contacts are more than a scan's noise
 
 Gate at_most(const std::string& name, double value, double limit, bool blocks = true) {
   return {name, value, limit, value <= limit, blocks};
@@ -56,6 +58,8 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
         at_most("predicted_seating_alpha_deg", v.predicted_seating->alpha_deg, kSeatingDeg, false));
   }
   gates.push_back(at_most("contact_surface_p99_mm", v.contact_surface_error.p99_mm, 0.02, false));
+  if (!flat && v.natural_contact_area_mm2 >= kNaturalMm2)
+    gates.push_back(at_least("contacts_mm2", v.contacts.area_mm2, kTouchesMm2));
   gates.push_back(at_least("contacts_left_mm2", v.contacts.left_area_mm2, 0.1, false));
   gates.push_back(at_least("contacts_right_mm2", v.contacts.right_area_mm2, 0.1, false));
   if (!flat) gates.push_back(at_least("contacts_kept_fraction", v.kept_fraction, 0.5, false));

@@ -178,7 +178,7 @@ void SplintField::build_shapes() {
       [&] {
         const CoarseGrid outline = distance_from_rim_outline(jaws_.support_swept, prep_, par_);
         const CoarseGrid shell = outer_shell(jaws_.support_swept, outline, par_);
-        const CoarseGrid stamp = stamp_body(jaws_.stamp, prep_, par_);
+        const CoarseGrid stamp = stamp_body(jaws_.stamp, shell, prep_, par_);
         body_ = joined_body(shell, stamp, jaws_.opposing, par_);
         if (prep_.edits.smooths()) body_smoothed_ = blurred(body_, kBlurMm);
         if (!prep_.free_poses.empty())
