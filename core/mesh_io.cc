@@ -4,6 +4,9 @@
 #include <cctype>
 #include <cmath>
 #include <cstring>
+#include <numeric>
+#include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -257,10 +260,48 @@ Status check_jaw_size(const TriangleMesh& mesh, const std::string& name) {
                                       : std::string("not a jaw in millimetres")));
 }
 
+namespace {
+
+/// By vertex, a number that vertices at the same place share.
+std::vector<std::uint32_t> places_of(const TriangleMesh& mesh) {
+  const auto& p = mesh.vertices_mm;
+  std::vector<std::uint32_t> order(p.size()), place(p.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::tie(p[a].x(), p[a].y(), p[a].z()) < std::tie(p[b].x(), p[b].y(), p[b].z());
+  });
+  for (std::size_t n = 0; n < order.size(); ++n)
+    place[order[n]] = n > 0 && p[order[n]] == p[order[n - 1]] ? place[order[n - 1]] : order[n];
+  return place;
+}
+
+/// Without triangles that are there already, whichever way they face: some exports hold their shell twice.
+TriangleMesh without_repeats(TriangleMesh mesh) {
+  const std::vector<std::uint32_t> place = places_of(mesh);
+  std::vector<std::pair<Triangle, std::uint32_t>> all(mesh.triangles.size());
+  for (std::uint32_t t = 0; t < all.size(); ++t) {
+    Triangle corners = mesh.triangles[t];
+    for (std::uint32_t& v : corners) v = place[v];
+    std::sort(corners.begin(), corners.end());
+    all[t] = {corners, t};
+  }
+  std::sort(all.begin(), all.end());
+  std::vector<bool> keep(all.size(), true);
+  bool any = false;
+  for (std::size_t n = 1; n < all.size(); ++n)
+    if (all[n].first == all[n - 1].first) {
+      keep[all[n].second] = false;
+      any = true;
+    }
+  return any ? submesh(mesh, keep) : mesh;
+}
+
+}  // namespace
+
 Result<TriangleMesh> read_jaw(const std::filesystem::path& path) {
   GNATHION_TRY(TriangleMesh mesh, read_mesh(path));
   GNATHION_CHECK_OK(check_jaw_size(mesh, path.string()));
-  return mesh;
+  return without_repeats(std::move(mesh));
 }
 
 }  // namespace gnathion

@@ -571,6 +571,21 @@ TEST(JawSize, NamesTheLikelyUnit) {
     EXPECT_PRED_FORMAT2(testing::IsSubstring, "not a jaw in millimetres", why(extent));
 }
 
+TEST(ReadJaw, AShellThatIsThereTwiceIsReadOnce) {
+  const Scratch scratch;
+  const TriangleMesh once = test::box({0, 0, 0}, {60, 48, 20});
+  TriangleMesh turned = once;
+  flip_orientation(turned);
+  for (const TriangleMesh& second : {once, turned})
+    for (const char* name : {"twice.stl", "twice.ply", "twice.obj"}) {
+      ASSERT_TRUE(write_mesh(scratch.path / name, merged(once, second)));
+      const auto jaw = read_jaw(scratch.path / name);
+      ASSERT_TRUE(jaw) << jaw.error().line();
+      EXPECT_EQ(jaw->triangles.size(), once.triangles.size()) << name;
+      EXPECT_GT(signed_volume_mm3(*jaw), 0.0) << name;
+    }
+}
+
 TEST(JawSize, RealJawsPassAndTheSameInMetresDoNot) {
   const auto data = test::shared_data();
   if (data.empty()) GTEST_SKIP() << "skipped: the shared data folder is not here";
