@@ -84,6 +84,7 @@ void MainWindow::make_centre() {
                 second_layers_,
                 [this](bool shown) {
                   second_->widget()->setVisible(shown);
+                  if (shown) pair_->setSizes({1000, 1000});  // halves
                   scene_->set_caption(shown ? "This design" : "");
                   if (shown)
                     second_->link_camera(*scene_);
@@ -93,9 +94,9 @@ void MainWindow::make_centre() {
                 [this](const QString& line) { statusBar()->showMessage(line, 8000); },
                 [this] { reload(); },
                 {}});
-  auto* pair = new QSplitter(Qt::Horizontal);
-  pair->addWidget(scene_->widget());
-  pair->addWidget(second_->widget());
+  pair_ = new QSplitter(Qt::Horizontal);
+  pair_->addWidget(scene_->widget());
+  pair_->addWidget(second_->widget());
   second_->widget()->hide();
   empty_ = new QLabel(scene_->widget());
   empty_->setObjectName("emptyScene");
@@ -107,7 +108,7 @@ void MainWindow::make_centre() {
   strips_->setObjectName("strip");
   centre_ = new QSplitter(Qt::Vertical);
   centre_->setChildrenCollapsible(false);
-  centre_->addWidget(pair);
+  centre_->addWidget(pair_);
   centre_->addWidget(strips_);
   centre_->setStretchFactor(0, 1);
   scene_->hovered.add([this](const std::optional<PickedPoint>& p) {

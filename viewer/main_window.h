@@ -80,7 +80,7 @@ class MainWindow : public QMainWindow {
   MessageBar* messages_ = nullptr;
   QTabBar* steps_ = nullptr;
   QStackedWidget *panels_ = nullptr, *strips_ = nullptr;
-  QSplitter *centre_ = nullptr, *columns_ = nullptr;
+  QSplitter *centre_ = nullptr, *columns_ = nullptr, *pair_ = nullptr;
   LayerPanel* layer_panel_ = nullptr;
   ProfilePlot* section_ = nullptr;
   QActionGroup* measuring_ = nullptr;

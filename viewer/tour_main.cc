@@ -244,6 +244,39 @@ void measure_turning(MainWindow& w, std::size_t triangles, const QSize& window) 
               std::thread::hardware_concurrency());
 }
 
+/// From a change of a parameter to the coarse splint in the scene; the first one finds the teeth.
+void measure_preview(MainWindow& w) {
+  auto* box = part<QCheckBox>(w, "previewBox");
+  const auto shown = [&]() -> std::shared_ptr<const TriangleMesh> {
+    const Layer* l = w.document().layers().find("preview");
+    return l ? l->mesh : nullptr;
+  };
+  double first_ms = 0, worst_ms = 0, sum_ms = 0, pause_ms = 0;
+  constexpr int kChanges = 6;
+  for (int i = 0; i <= kChanges; ++i) {
+    const auto before = shown();
+    QElapsedTimer clock;
+    clock.start();
+    if (i == 0)
+      box->click();
+    else
+      w.document().change("Wall", [&](SessionState& s) { s.parameters.wall_mm += 0.05; });
+    pause_ms = std::max(pause_ms, longest_pause_ms([&] { return shown() && shown() != before; }));
+    const auto ms = static_cast<double>(clock.elapsed());
+    if (i == 0) {
+      first_ms = ms;
+      continue;
+    }
+    worst_ms = std::max(worst_ms, ms);
+    sum_ms += ms / kChanges;
+  }
+  std::printf(
+      "| preview after a change, mean and longest of %d; the first of all | %.0f ms, %.0f ms; %.0f ms |\n",
+      kChanges, sum_ms, worst_ms, first_ms);
+  std::printf("| longest pause of the window during previews | %.0f ms |\n", pause_ms);
+  box->click();
+}
+
 void measure(MainWindow& w) {
   std::printf("| What | Measured |\n| --- | --- |\n");
   std::printf("| case open, from the call to the full picture | %.2f s (files alone %.2f s) |\n", w.open_s(),
@@ -263,6 +296,7 @@ void measure(MainWindow& w) {
     if (l.visible) shown += l.mesh->triangles.size();
   measure_turning(w, shown, {1280, 800});
   measure_turning(w, shown, {1280 + 620, 800 + 120});
+  measure_preview(w);
   part<QPushButton>(w, "buildSplint")->click();
   const double pause = longest_pause_ms([&] { return !w.jobs().busy(); });
   std::printf("| longest pause of the window during a full build | %.0f ms |\n", pause);

@@ -4,7 +4,9 @@
 
 #include <QVTKOpenGLNativeWidget.h>
 #include <QApplication>
+#include <QElapsedTimer>
 #include <QLabel>
+#include <QLineEdit>
 #include <QListWidget>
 #include <QProgressBar>
 #include <QPushButton>
@@ -12,14 +14,19 @@
 #include <QTabBar>
 #include <QTableWidget>
 #include <QTest>
+#include <QTimer>
 
 #include <nlohmann/json.hpp>
 
+#include "acquisition/recording.h"
 #include "core/camera_model.h"
 #include "core/file.h"
 #include "core/mesh_io.h"
 #include "core/time.h"
 #include "core/transform_io.h"
+#include "phantom/case.h"
+#include "phantom/film.h"
+#include "phantom/film_scene.h"
 #include "phantom/patient.h"
 #include "rendering/decimate.h"
 #include "tests/daemon/daemon_process.h"
@@ -139,6 +146,127 @@ TEST(ViewerLive, JobsOfTheDaemonAreFollowedCancelledAndOpened) {
   EXPECT_TRUE(wait([&] { return gates->rowCount() > 5 && window.document().layers().find("splint"); }))
       << message->text().toStdString();
   EXPECT_TRUE(fs::exists(home / "designs" / "design_001" / "design.json"));
+  EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
+}
+
+/// The same patient as a whole case: scans, bodies, and a short film of MI and TP.
+void write_whole_case(const fs::path& folder, const PhantomPatient& patient) {
+  fs::create_directories(folder);
+  SilentProgress silent;
+  ASSERT_TRUE(write_phantom_case(patient, kSeed, folder, silent));
+  FilmOptions options;
+  options.seed = kSeed;
+  options.rate_hz = 12;
+  options.duration_s = 10;
+  options.border_movements = false;
+  options.clutter = false;
+  PhantomFilm film(film_scene(patient), options);
+  std::map<std::string, std::string> attachments;
+  for (const char* name : {"rig.toml", "bow.toml", "head_frame.toml"})
+    attachments[name] = *read_file(folder / name);
+  ASSERT_TRUE(record(film, folder / "recording.mcap", attachments, film.frames_per_camera(), silent));
+  const auto toml = read_file(folder / "case.toml");
+  ASSERT_TRUE(toml);
+  ASSERT_TRUE(
+      write_file(folder / "case.toml", *toml + "\n[design]\nvoxel_mm = 0.3\naperture_limit_mm = 0.6\n"));
+}
+
+/// Track, calibrate, T_th by both routes, the whole run, report and evaluation, each by its button.
+TEST(ViewerLive, EveryStepsJobIsComputedByTheDaemonAndItsResultShown) {
+  const TemporaryFolder folder;
+  DaemonProcess daemon(folder.path());
+  const fs::path home = daemon.cases() / "case-whole";
+  const PhantomPatient patient = make_phantom_patient(kSeed);
+  write_whole_case(home, patient);
+  ASSERT_TRUE(daemon.start()) << daemon.log();
+  WindowOptions options;
+  options.socket = daemon.socket();
+  options.connect = [](const std::string& socket) { return client::DaemonClient::connect(socket); };
+  MainWindow window(options);
+  window.show();
+  ASSERT_TRUE(QTest::qWaitForWindowExposed(&window));
+  window.activateWindow();  // keys go to the active window
+  ASSERT_TRUE(QTest::qWaitForWindowActive(&window));
+  window.open(home);
+  auto* jobs = window.findChild<QTableWidget*>("jobsTable");
+  auto* message = window.findChild<QLabel*>("messageText");
+  auto* tabs = window.findChild<QTabBar*>("steps");
+  QElapsedTimer since;
+  double worst_ms = 0;
+  QTimer beat;  // the window's own heart: how long it stood still
+  QObject::connect(&beat, &QTimer::timeout, [&] {
+    worst_ms = std::max(worst_ms, static_cast<double>(since.nsecsElapsed()) / 1e6);
+    since.restart();
+  });
+  const auto ended = [&](int step, const char* name) {
+    QTest::mouseClick(tabs, Qt::LeftButton, {}, tabs->tabRect(step).center());
+    auto* b = window.findChild<QPushButton*>(name);
+    if (!b || !wait([&] { return b->isVisible() && b->isEnabled() && !window.loading(); })) return false;
+    const int before = jobs->rowCount();
+    worst_ms = 0;
+    since.start();
+    beat.start(2);
+    QTest::mouseClick(b, Qt::LeftButton, {}, b->rect().center());
+    const bool done = wait([&] {
+      return jobs->rowCount() > before &&
+             (jobs->item(0, 1)->text().contains("done") || jobs->item(0, 1)->text().contains("fail") ||
+              jobs->item(0, 1)->text().contains("gate"));
+    });
+    beat.stop();
+    std::printf("%s: %s, longest pause of the window %.0f ms\n", name,
+                jobs->rowCount() ? jobs->item(0, 1)->text().toUtf8().constData() : "no job", worst_ms);
+    return done && jobs->item(0, 1)->text().contains("done");
+  };
+  const auto& document = window.document();
+  ASSERT_TRUE(wait([&] { return window.open_s() > 0; }));
+
+  EXPECT_TRUE(ended(1, "daemonTrack")) << message->text().toStdString();
+  EXPECT_TRUE(wait([&] { return document.content().session != nullptr; })) << "the poses are not shown";
+  EXPECT_TRUE(ended(2, "daemonCalibrate")) << message->text().toStdString();
+  auto* registrations = window.findChild<QTableWidget*>("registrationTable");
+  EXPECT_TRUE(wait([&] { return registrations->rowCount() >= 3; })) << "the chain is not shown";
+
+  const auto error_mm = [&] {
+    const Rigid3 d = *document.state().therapeutic * patient.therapeutic.rigid.inverse();
+    double worst = 0;
+    for (const Vector3& p : {Vector3(0, 0, 0), Vector3(25, 40, 0), Vector3(-25, 40, 0)})
+      worst = std::max(worst, (d * p - p).norm());
+    return worst;
+  };
+  EXPECT_TRUE(ended(3, "daemonScans")) << message->text().toStdString();
+  ASSERT_TRUE(wait([&] { return document.state().therapeutic_source == "jobs/T_th_scans_001.json"; }));
+  EXPECT_LT(error_mm(), 0.3);
+  EXPECT_TRUE(ended(3, "daemonMotion")) << message->text().toStdString();
+  ASSERT_TRUE(wait([&] { return document.state().therapeutic_source == "jobs/T_th_motion_001.json"; }))
+      << message->text().toStdString();
+  EXPECT_LT(error_mm(), 0.5);
+  QTest::keyClick(&window, Qt::Key_Z, Qt::ControlModifier);
+  EXPECT_TRUE(wait([&] { return document.state().therapeutic_source == "jobs/T_th_scans_001.json"; }))
+      << "undo does not take it back";
+
+  EXPECT_TRUE(ended(1, "daemonRun")) << message->text().toStdString();
+  EXPECT_TRUE(wait([&] { return document.content().mesh("splint") && document.content().motion; }))
+      << "what the run made is not shown";
+  if (const char* keep = std::getenv("GNATHION_PICTURES"))
+    window.grab().save(QString(keep) + "/viewer_run.png");
+  const fs::path report = home / "results" / "report.html";
+  ASSERT_TRUE(fs::exists(report));
+  fs::remove(report);
+  EXPECT_TRUE(ended(5, "daemonReport")) << message->text().toStdString();
+  EXPECT_TRUE(fs::exists(report)) << "no report";
+
+  // The design itself stands for its scan: what is measured is nothing.
+  window.findChild<QLineEdit*>("scanSplint")
+      ->setText(QString::fromStdString((home / "results" / "splint.stl").string()));
+  EXPECT_TRUE(ended(5, "evaluateScans")) << message->text().toStdString();
+  EXPECT_TRUE(fs::exists(home / "evaluations" / "evaluation_001"));
+  auto* procedures = window.findChild<QTableWidget*>("procedureTable");
+  EXPECT_TRUE(wait([&] { return procedures->rowCount() > 0; })) << message->text().toStdString();
+  if (procedures->rowCount() > 0) {
+    EXPECT_LT(std::abs(procedures->item(0, 1)->text().replace(QChar(0x2212), '-').toDouble()), 0.02);
+  }
+  if (const char* keep = std::getenv("GNATHION_PICTURES"))
+    window.grab().save(QString(keep) + "/viewer_evaluated.png");
   EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
 }
 

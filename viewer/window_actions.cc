@@ -109,10 +109,10 @@ void MainWindow::make_measuring(QToolBar* bar) {
   measure_->measured = [this](const QString& text) { statusBar()->showMessage("Measured: " + text); };
   measuring_ = new QActionGroup(this);
   measuring_->setExclusionPolicy(QActionGroup::ExclusionPolicy::ExclusiveOptional);
-  const std::tuple<const char*, const char*, MeasureTool::Kind, const char*> kinds[] = {
-      {"Distance", "D", MeasureTool::Kind::kDistance, "two clicks, in 3D or in the section"},
-      {"Angle", "A", MeasureTool::Kind::kAngle, "three clicks, the second at the corner"},
-      {"Thickness", "W", MeasureTool::Kind::kThickness, "one click on the splint"}};
+  const std::tuple<const char*, const char*, Measure, const char*> kinds[] = {
+      {"Distance", "D", Measure::kDistance, "two clicks, in 3D or in the section"},
+      {"Angle", "A", Measure::kAngle, "three clicks, the second at the corner"},
+      {"Thickness", "W", Measure::kThickness, "one click on the splint, in 3D or in the section"}};
   for (const auto& [name, key, kind, tip] : kinds) {
     QAction* action = bar->addAction(name);
     action->setObjectName(QString("measure") + name);
@@ -124,10 +124,10 @@ void MainWindow::make_measuring(QToolBar* bar) {
       if (on) {
         bench_->tool_taken(this);
         measure_->begin(k);
-        section_->set_measuring(true);
+        section_->set_measuring(k);
       } else if (!measuring_->checkedAction()) {
         measure_->end();
-        section_->set_measuring(false);
+        section_->set_measuring({});
       }
     });
   }
@@ -141,6 +141,7 @@ void MainWindow::make_measuring(QToolBar* bar) {
     put_down();
     bench_->tool_taken(nullptr);
     if (shortcuts_) shortcuts_->hide();
+    for (auto* chart : findChildren<QWidget*>("largeChart")) chart->hide();
   });
 }
 

@@ -75,7 +75,8 @@ void add_truth(const CaseContent& c, std::vector<Wanted>& wanted) {
   if (!t) return;
   for (const char* role : {"condyle_left", "condyle_right", "fossa_left", "fossa_right", "face"})
     if (const auto value = (*t)["truth"][role].value<std::string>())
-      wanted.push_back({role, Step::kTransformation, role, "", c.folder / *value, false});
+      wanted.push_back(
+          {role, Step::kTransformation, role, "[truth] of case.toml names it", c.folder / *value, false});
 }
 
 std::vector<Wanted> wanted_surfaces(const CaseContent& c) {
@@ -114,21 +115,12 @@ void read_surfaces(CaseContent& c) {
       c.meshes[w.role] = std::make_shared<const TriangleMesh>(std::move(*mesh));
     } else if (is_there(w.path)) {
       c.absences.push_back({w.step, w.shown, w.path.filename().string() + ": " + mesh.error().why, true});
-    } else if (w.required) {
-      const bool named = !w.path.empty() && w.step != Step::kDesign;  // in case.toml
+    } else if (const bool named = !w.path.empty() && w.step != Step::kDesign;  // in case.toml
+               named || w.required) {
       const std::string file = named ? w.path.filename().string() + " does not exist; " : "";
       c.absences.push_back({w.step, w.shown, file + w.remedy, named});
     }
   }
-}
-
-/// Of the results, or of a job that ended later.
-fs::path newest(const CaseContent& c, const char* file, const char* stem, const char* extension) {
-  const fs::path result = c.results() / file, job = newest_job_output(c.folder, stem, extension);
-  std::error_code none;
-  const bool later = !job.empty() && (!is_there(result) ||
-                                      fs::last_write_time(job, none) > fs::last_write_time(result, none));
-  return later ? job : result;
 }
 
 SharedJson read_report(CaseContent& c, const fs::path& path, Step step, const char* what,
@@ -159,7 +151,7 @@ std::optional<MotionFile> read_transform(CaseContent& c, const char* file, const
 
 void read_motion_of_jaw(CaseContent& c) {
   const fs::path csv = c.results() / "motion.csv";
-  const fs::path mcap = newest(c, "motion.mcap", "track", ".mcap");
+  const fs::path mcap = newest_result(c.folder, "motion.mcap", "track", ".mcap");
   if (!is_there(csv)) {
     const char* remedy = is_there(c.files.recording) ? "track the recording: 'gnathion run'"
                                                      : "record a session in Capture first";
@@ -222,7 +214,7 @@ std::shared_ptr<const CaseContent> load_case(const fs::path& folder) {
   c.therapeutic = read_transform(c, "T_th.json", "set it below, or find it with 'gnathion run'");
   c.by_camera = read_transform(c, "T_th_camera.json", "");
   c.by_faces = read_transform(c, "T_th_faces.json", "");
-  c.chain = read_report(c, newest(c, "chain.json", "chain", ".json"), Step::kCalibrate,
+  c.chain = read_report(c, newest_result(c.folder, "chain.json", "chain", ".json"), Step::kCalibrate,
                         "Chain of calibration", "'gnathion run' solves it from the scans");
   c.feasibility = read_report(c, c.results() / "feasibility.json", Step::kTransformation, "Feasibility", "");
   c.design =

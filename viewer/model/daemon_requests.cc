@@ -113,7 +113,9 @@ Result<client::JobRequest> scans_request(const CaseContent& c, const SessionStat
 }
 Result<client::JobRequest> motion_request(const CaseContent& c, const SessionState& s) {
   Order order(c, "transform motion");
-  order.input("motion", c.results() / "motion.mcap", "").input("calibration", c.results() / "chain.json", "");
+  // What the window shows: of the results, or of a job that ended later.
+  order.input("motion", newest_result(c.folder, "motion.mcap", "track", ".mcap"), "the tracked motion")
+      .input("calibration", newest_result(c.folder, "chain.json", "chain", ".json"), "the chain");
   const auto interval = [](const std::pair<double, double>& i) {
     return fmt::format("{:.4f}..{:.4f}", i.first, i.second);
   };
@@ -199,7 +201,9 @@ std::string output_of(const client::JobRequest& request) {
   return {};
 }
 
-fs::path newest_job_output(const fs::path& folder, const std::string& stem, const std::string& extension) {
+fs::path newest_result(const fs::path& folder, const std::string& file, const std::string& stem,
+                       const std::string& extension) {
+  const fs::path result = folder / "results" / file;
   fs::path last;
   std::error_code ec;
   for (int i = 1; i < 1000; ++i) {
@@ -207,7 +211,9 @@ fs::path newest_job_output(const fs::path& folder, const std::string& stem, cons
     if (!fs::exists(at, ec)) break;
     last = at;
   }
-  return last;
+  const bool later = !last.empty() && (!fs::exists(result, ec) ||
+                                       fs::last_write_time(last, ec) > fs::last_write_time(result, ec));
+  return later ? last : result;
 }
 
 }  // namespace gnathion

@@ -31,8 +31,8 @@ Result<client::JobRequest> evaluate_request(const CaseContent& content, const st
                                             const std::filesystem::path& mandible);
 /// The path that the request gives for its output.
 std::string output_of(const client::JobRequest& request);
-/// The newest output of a kind in the case's jobs/, as "chain", ".json"; empty: there is none.
-std::filesystem::path newest_job_output(const std::filesystem::path& folder, const std::string& stem,
-                                        const std::string& extension);
+/// results/FILE, or what a job wrote later as jobs/STEM_nnn; results/FILE where there is neither.
+std::filesystem::path newest_result(const std::filesystem::path& folder, const std::string& file,
+                                    const std::string& stem, const std::string& extension);
 
 }  // namespace gnathion

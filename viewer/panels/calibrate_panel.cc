@@ -97,10 +97,10 @@ void CalibratePanel::opened() {
     const auto loops = c.frames->loops();
     const auto open =
         std::count_if(loops.begin(), loops.end(), [](const FrameLoop& l) { return !l.consistent(); });
-    done << QString("%1 registrations, %2 loops%3")
-                .arg(c.frames->edges().size())
-                .arg(loops.size())
-                .arg(open ? "" : ", all close");
+    QString line = QString("%1 registrations").arg(c.frames->edges().size());
+    if (loops.size() == 1) line += open ? ", 1 loop" : ", 1 loop, it closes";
+    if (loops.size() > 1) line += QString(", %1 loops%2").arg(loops.size()).arg(open ? "" : ", all close");
+    done << line;
     if (open)
       missing.push_back(
           {Step::kCalibrate, "Loops", std::to_string(open) + " do not close: see the graph", true});

@@ -70,7 +70,9 @@ void CompareTools::with_other(std::function<void(SharedMesh)> use) {
   auto read = std::make_shared<Result<TriangleMesh>>(tl::unexpected<Error>(Error{}));
   bench_.jobs.run_latest(
       "compare", [path, read](JobContext&) { *read = read_mesh(path); },
-      [this, read, use = std::move(use)] {
+      [this, path, mode = mode_->currentIndex(), read, use = std::move(use)] {
+        if (mode != mode_->currentIndex() || path != other_->currentData().toString().toStdString())
+          return;  // another choice by now
         if (!*read) return bench_.document.report(QString::fromStdString(read->error().line()));
         use(std::make_shared<const TriangleMesh>(std::move(**read)));
       });
@@ -94,7 +96,7 @@ void CompareTools::show_mode() {
   look.group = "Compared";
   if (mode == kSideBySide) {
     bench_.second_layers.clear();
-    for (const char* id : {"maxilla", "mandible_tp"})
+    for (const char* id : {"maxilla", "mandible_tp", "mandible_mi"})
       if (const Layer* l = layers.find(id)) bench_.second_layers.put(*l);
     bench_.second.set_caption(other_->currentText());
     with_other([this, look](SharedMesh mesh) mutable {
@@ -115,6 +117,7 @@ void CompareTools::show_mode() {
           "difference",
           [mesh = look.mesh, other, values](JobContext&) { *values = difference_mm(*mesh, *other, 3.0); },
           [this, look, values]() mutable {
+            if (mode_->currentIndex() != kDifference) return;
             look.id = "difference";
             look.name = "Difference";
             look.opacity = 1;
@@ -122,7 +125,7 @@ void CompareTools::show_mode() {
             look.colors = diverging_colors(*values, kRangeMm);
             bench_.document.layers().put(std::move(look));
             bench_.document.layers().set_visible("splint", false);
-            bench_.scene.set_colour_scale(ColourScale{"difference, mm", -kRangeMm, kRangeMm, true});
+            bench_.scene.set_colour_scale(scale());
             double largest = 0, sum = 0, n = 0;
             for (const float v : *values)
               if (std::isfinite(v))
@@ -133,6 +136,10 @@ void CompareTools::show_mode() {
           });
     });
   }
+}
+
+ColourScale CompareTools::scale() {
+  return {"difference, mm", -kRangeMm, kRangeMm, true};
 }
 
 void CompareTools::leave() {

@@ -17,6 +17,7 @@ class CompareTools : public QWidget {
   /// Looks for CASE/designs/*/splint.stl again.
   void refresh();
   void leave();
+  static ColourScale scale();  ///< of the difference map
 
  private:
   enum Mode { kOff, kSideBySide, kOver, kDifference };

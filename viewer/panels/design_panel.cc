@@ -1,7 +1,6 @@
 #include "viewer/panels/design_panel.h"
 
 #include <QCheckBox>
-#include <QElapsedTimer>
 #include <QHBoxLayout>
 #include <QHeaderView>
 #include <QTabWidget>
@@ -10,17 +9,11 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/file.h"
-#include "core/mesh_io.h"
-#include "pipeline/design_job.h"
 #include "rendering/charts.h"
-#include "viewer/model/colour_maps.h"
-#include "viewer/model/daemon_requests.h"
 
 namespace gnathion {
 namespace {
 
-namespace fs = std::filesystem;
 /// "wall_min_mm" as "Wall min" and " mm".
 std::pair<QString, QString> gate_name(const std::string& name) {
   QString unit;
@@ -34,25 +27,6 @@ std::pair<QString, QString> gate_name(const std::string& name) {
   text.replace('_', ' ');
   text[0] = text[0].toUpper();
   return {text, unit};
-}
-
-fs::path next_design_folder(const fs::path& folder) {
-  std::error_code ec;
-  for (int i = 1;; ++i) {
-    const fs::path at = folder / "designs" / QString("design_%1").arg(i, 3, 10, QChar('0')).toStdString();
-    if (!fs::exists(at, ec)) return at;
-  }
-}
-
-/// What a design is made from; copies the jaws, so in the background.
-SplintInputs inputs_of(const CaseContent& c, const SessionState& s) {
-  SplintInputs in;
-  in.maxilla = *c.mesh("maxilla_mi");
-  in.mandible_mi = *c.mesh("mandible_mi");
-  in.therapeutic = Motion<Dental>(*s.therapeutic);
-  in.arch = s.arch;
-  in.edits = s.edits;
-  return in;
 }
 
 }  // namespace
@@ -108,11 +82,13 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
     document().layers().remove("preview");
     preview_note_->clear();
     document().layers().set_visible("splint", true);
+    if (isVisible()) pose_jaws();
   });
   document().opened.add([this] { opened(); });
   document().state_changed.add([this] {
     parameters_->show_values();
     show_state();
+    if (isVisible()) pose_jaws();
     if (preview_->isChecked() && isVisible()) preview_timer_.start();
   });
   bench_.daemon.changed.add(
@@ -158,6 +134,7 @@ QWidget* DesignPanel::make_gates() {
 void DesignPanel::opened() {
   maps_.reset();
   teeth_.clear();
+  on_lower_ = false;
   report_ = document().content().design;
   preview_->setChecked(false);
   const bool ready = document().content().arch.has_value();
@@ -223,297 +200,8 @@ void DesignPanel::show_gates() {
     verdict_->setText("Verdict: " + verdict + " (not built)");
 }
 
-void DesignPanel::preview() {
-  if (!document().is_open() || !document().state().therapeutic || !document().content().arch) {
-    preview_note_->setText("needs T_th");
-    return;
-  }
-  preview_note_->setText("updating…");
-  auto made = std::make_shared<std::shared_ptr<const TriangleMesh>>();
-  auto trouble = std::make_shared<std::string>();
-  auto timer = std::make_shared<QElapsedTimer>();
-  timer->start();
-  bench_.jobs.run_latest(
-      "preview",
-      [previewer = previewer_, content = document().shared_content(), state = document().state(), made,
-       trouble](JobContext&) {
-        auto preview = previewer->build(inputs_of(*content, state), state.parameters);
-        if (preview)
-          *made = std::make_shared<const TriangleMesh>(std::move(preview->splint));
-        else
-          *trouble = preview.error().why;
-      },
-      [this, made, trouble, timer] {
-        if (!preview_->isChecked()) return;
-        if (!*made) return preview_note_->setText(QString::fromStdString(*trouble));
-        Layer layer;
-        layer.id = "preview";
-        layer.name = "Preview, not verified";
-        layer.group = "Design";
-        layer.mesh = *made;
-        layer.color_3d = {0.80, 0.62, 0.78};
-        layer.color_2d = safe_palette::kPurple;
-        layer.width_2d_px = 2.0;
-        layer.opacity = 0.85;
-        document().layers().set_visible("splint", false);
-        document().layers().put(std::move(layer));
-        preview_note_->setText(
-            QString("%1 s").arg(static_cast<double>(timer->elapsed()) / 1000.0, 0, 'f', 2));
-      });
-}
-
-void DesignPanel::build() {
-  const auto content = document().shared_content();
-  if (!document().state().therapeutic)
-    return document().report("T_th is not set yet: set it in the Transformation step.");
-  if (bench_.daemon.serves_case()) return build_by_daemon();
-  if (bench_.jobs.busy()) return document().report("A job is running already: wait for it, or cancel it.");
-  const SessionState state = document().state();
-  const fs::path target = next_design_folder(content->folder);
-  build_->setEnabled(false);
-  cancel_->setEnabled(true);
-  auto trouble = std::make_shared<std::string>();
-  bench_.jobs.run(
-      "Building the splint",
-      [content, state, target, trouble](JobContext& context) {
-        const auto build_into = [&]() -> Status {
-          std::error_code ec;
-          fs::create_directories(target.parent_path(), ec);
-          GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(target, false));
-          const fs::path transform = staged.path() / "T_th.json";
-          GNATHION_CHECK_OK(
-              write_json(transform, motion_json(Motion<Dental>(*state.therapeutic), std::nullopt,
-                                                {{"from", state.therapeutic_source}})));
-          DesignJob job;
-          job.maxilla = content->files.maxilla_mi;
-          job.mandible = content->files.mandible_mi;
-          job.transform = transform;
-          job.shown_folder = content->folder;
-          job.shown_transform = fs::path("designs") / target.filename() / "T_th.json";
-          job.arch = state.arch;
-          job.edits = state.edits;
-          job.parameters = state.parameters;
-          job.pictures = false;  // off-screen pictures need the one OpenGL thread that the window has
-          GNATHION_TRY(const DesignOutcome outcome, run_design(job, staged.path(), context));
-          context.throw_if_cancelled();
-          return staged.commit();
-        };
-        if (const Status done = build_into(); !done) *trouble = done.error().line();
-      },
-      [this, target, trouble](bool cancelled) { built(target, cancelled, *trouble); });
-}
-
-/// The case is the daemon's: its processes compute, the window only follows.
-void DesignPanel::build_by_daemon() {
-  const auto request = design_request(document().content(), document().state());
-  if (!request) return document().report(QString::fromStdString(request.error().line()));
-  build_->setEnabled(false);
-  cancel_->setEnabled(true);
-  bench_.daemon.submit(
-      *request, [this, target = document().content().folder / output_of(*request)](const client::Job& job) {
-        build_->setEnabled(document().content().arch.has_value());
-        cancel_->setEnabled(false);
-        const bool made = job.state == client::JobState::kDone || job.state == client::JobState::kGateFailed;
-        if (made && target.parent_path().parent_path() == document().content().folder)
-          built(target, false, "");
-      });
-}
-
-void DesignPanel::built(const fs::path& folder, bool cancelled, const std::string& trouble) {
-  build_->setEnabled(true);
-  cancel_->setEnabled(false);
-  if (cancelled) return bench_.status("The build was cancelled; nothing was written.");
-  if (!trouble.empty()) return document().report(QString::fromStdString(trouble));
-  auto mesh = std::make_shared<std::shared_ptr<const TriangleMesh>>();
-  auto report = std::make_shared<std::shared_ptr<const nlohmann::json>>();
-  bench_.jobs.run_latest(
-      "read design",
-      [folder, mesh, report](JobContext&) {
-        for (const char* file : {"splint.stl", "splint.rejected.stl"})
-          if (auto m = read_mesh(folder / file)) *mesh = std::make_shared<const TriangleMesh>(std::move(*m));
-        if (auto j = read_json(folder / "design.json"))
-          *report = std::make_shared<const nlohmann::json>(std::move(*j));
-      },
-      [this, mesh, report, folder] {
-        report_ = *report;
-        show_gates();
-        if (*mesh) {
-          Layer layer;
-          layer.id = "splint";
-          layer.name = "Splint";
-          layer.group = "Design";
-          layer.mesh = *mesh;
-          layer.color_3d = palette::kSplintClear;
-          layer.color_2d = palette::kSplint;
-          layer.width_2d_px = 2.4;
-          layer.opacity = 0.8;
-          document().layers().put(std::move(layer));
-          document().layers().set_visible("splint", true);
-          preview_->setChecked(false);
-          make_maps();
-        }
-        compare_->refresh();
-        show_state();
-        document().notice("Built: designs/" + QString::fromStdString(folder.filename().string()));
-      });
-}
-
-/// Inner and outer surface, thickness, undercut, numbers: measured once a splint, in the background.
-void DesignPanel::make_maps() {
-  const Layer* splint = document().layers().find("splint");
-  const CaseContent& c = document().content();
-  if (!splint || !c.arch || !document().state().therapeutic) return;
-  struct Made {
-    SplintMaps maps;
-    std::vector<float> undercut;
-    std::vector<ToothLabel> teeth;
-  };
-  auto made = std::make_shared<Made>();
-  const bool upper = document().state().arch == Arch::kMaxilla;
-  const Rigid3 t = *document().state().therapeutic;
-  bench_.jobs.run_latest(
-      "maps",
-      [mesh = splint->mesh, content = document().shared_content(), upper, t, made](JobContext& context) {
-        const TriangleMesh &maxilla = *content->mesh("maxilla_mi"), &mandible = *content->mesh("mandible_mi");
-        const Arch worn = upper ? Arch::kMaxilla : Arch::kMandible;
-        const TriangleMesh& support = upper ? maxilla : mandible;
-        made->maps = splint_maps(*mesh, support,
-                                 transformed(upper ? t : t.inverse(), upper ? mandible : maxilla), context);
-        made->undercut = undercut_deg(support, content->arch->gingival(worn));
-        made->teeth = tooth_labels(maxilla, *content->arch, Arch::kMaxilla);
-        for (ToothLabel l : tooth_labels(mandible, *content->arch, Arch::kMandible)) {
-          l.at_mm = t * l.at_mm;
-          made->teeth.push_back(l);
-        }
-      },
-      [this, made, mesh = splint->mesh] {
-        const Layer* now = document().layers().find("splint");
-        if (now && now->mesh == mesh) put_maps(made->maps, made->undercut, made->teeth);
-      });
-}
-
-void DesignPanel::put_maps(const SplintMaps& maps, const std::vector<float>& undercut,
-                           const std::vector<ToothLabel>& teeth) {
-  maps_ = std::make_shared<const SplintMaps>(maps);
-  teeth_ = teeth;
-  const Layer splint = *document().layers().find("splint");
-  const auto put = [&](const char* id, const char* name, SharedMesh mesh, Color color_3d, Color color_2d,
-                       std::shared_ptr<const VertexColors> colors, bool in_section) {
-    if (!mesh || mesh->empty()) return;
-    Layer l;
-    l.id = id;
-    l.name = name;
-    l.group = colors ? "Maps" : "Design";
-    l.mesh = std::move(mesh);
-    l.color_3d = color_3d;
-    l.color_2d = color_2d;
-    l.width_2d_px = 2.2;
-    l.colors = std::move(colors);
-    l.visible = false;
-    l.in_section = in_section;
-    document().layers().put(std::move(l));
-  };
-  put("inner", "Inner surface", maps.inner, {0.25, 0.36, 0.66}, palette::kInner, nullptr, true);
-  put("outer", "Outer surface", maps.outer, {0.55, 0.76, 0.95}, palette::kOuter, nullptr, true);
-  put("stamp", "Stamp (occlusal in TP)", maps.stamp, palette::kOcclusalTp, palette::kOcclusalTp, nullptr,
-      true);
-  put("thickness", "Thickness", splint.mesh, {0.42, 0.5, 0.47}, {}, ramp_colors(maps.thickness_mm, 0, 4),
-      false);
-  put("contacts", "Contacts and gap", splint.mesh, {0.7, 0.6, 0.5}, {}, diverging_colors(maps.gap_mm, 0.5),
-      false);
-  const bool upper = document().state().arch == Arch::kMaxilla;
-  if (const Layer* support = document().layers().find(upper ? "maxilla" : "mandible_mi"))
-    put("undercut", "Undercut", support->mesh, {0.84, 0.5, 0.2}, {}, diverging_colors(undercut, 45), false);
-  show_marks();
-}
-
-/// The scale of the map that shows, if one does.
-void DesignPanel::show_scale() {
-  const LayerModel& layers = document().layers();
-  if (layers.shows("thickness"))
-    bench_.scene.set_colour_scale(ColourScale{"thickness, mm", 0, 4, false});
-  else if (layers.shows("contacts"))
-    bench_.scene.set_colour_scale(ColourScale{"gap, mm", -0.5, 0.5, true});
-  else if (layers.shows("undercut"))
-    bench_.scene.set_colour_scale(ColourScale{"undercut, °", -45, 45, true});
-  else if (!layers.shows("difference"))
-    bench_.scene.set_colour_scale(std::nullopt);
-}
-
-void DesignPanel::show_marks() {
-  Overlay o;
-  if (isVisible() && numbers_->isChecked())
-    for (const ToothLabel& t : teeth_)
-      o.labels.push_back({t.at_mm, std::to_string(t.fdi), {0.08, 0.14, 0.3}, 14, true});
-  if (isVisible() && margin_->isChecked() && maps_)
-    for (const auto& curve : maps_->margin_mm) o.lines.push_back({curve, safe_palette::kVermilion, 3});
-  if (isVisible() && apertures_->isChecked() && report_ && report_->contains("apertures")) {
-    for (const auto& a : (*report_)["apertures"]) {
-      if (!a.is_object() || !a.contains("centre_mm") || a["centre_mm"].size() != 3) continue;
-      const Vector3 at(a["centre_mm"][0].get<double>(), a["centre_mm"][1].get<double>(),
-                       a["centre_mm"][2].get<double>());
-      o.balls.push_back({at, safe_palette::kPurple, 0.7});
-      o.labels.push_back({at,
-                          QString("%1 mm²").arg(a.value("area_mm2", 0.0), 0, 'f', 1).toUtf8().toStdString(),
-                          {0.3, 0.1, 0.3},
-                          14,
-                          true});
-    }
-    if ((*report_)["apertures"].empty()) bench_.status("This design has no apertures.");
-  }
-  if (o.labels.empty() && o.lines.empty() && o.balls.empty())
-    bench_.scene.clear_overlay("marks");
-  else
-    bench_.scene.set_overlay("marks", std::move(o));
-}
-
-/// Where a gate's figure was measured, as far as the surface tells.
-Vector3 DesignPanel::place_of(const std::string& gate) const {
-  const Layer* splint = bench_.document.layers().find("splint");
-  const auto& vertices = splint->mesh->vertices_mm;
-  const auto least = [&](const std::vector<float>& values) {
-    std::size_t best = 0;
-    float low = 1e30f;
-    for (std::size_t i = 0; i < values.size(); ++i)
-      if (values[i] < low) low = values[i], best = i;
-    return vertices[best];
-  };
-  if (gate.find("wall") != std::string::npos && report_->contains("thickness_mm")) {
-    const auto& t = (*report_)["thickness_mm"];
-    if (t.contains("where_mm") && t["where_mm"].is_array() && t["where_mm"].size() == 3)
-      return Vector3(t["where_mm"][0].get<double>(), t["where_mm"][1].get<double>(),
-                     t["where_mm"][2].get<double>());
-  }
-  if (!maps_) return bounding_box(*splint->mesh).centre_mm();
-  if (gate.rfind("maxilla", 0) == 0) return least(maps_->seat_mm);
-  if (gate.rfind("contacts_left", 0) == 0 || gate.rfind("contacts_right", 0) == 0) {
-    const ArchFrame& arch = *bench_.document.content().arch;
-    const double side = gate.find("left") != std::string::npos ? 1 : -1;
-    Vector3 sum = Vector3::Zero();
-    double n = 0;
-    for (std::size_t i = 0; i < vertices.size(); ++i)
-      if (std::abs(maps_->gap_mm[i]) < 0.05f && side * arch.left.dot(vertices[i] - arch.origin_mm) > 0)
-        sum += vertices[i], n += 1;
-    if (n > 0) return sum / n;
-  }
-  return least(maps_->gap_mm);
-}
-
-void DesignPanel::click_gate(int row) {
-  if (!document().layers().find("splint")) return;
-  const Vector3 at = place_of(gate_names_.at(static_cast<std::size_t>(row)));
-  Overlay o;
-  o.balls.push_back({at, safe_palette::kVermilion, 0.7});
-  bench_.scene.set_overlay("gate", std::move(o));
-  bench_.scene.look_at(at, 35);
-  bench_.status(QString("%1 at %2, %3, %4 mm")
-                    .arg(gates_->item(row, 1)->text())
-                    .arg(at.x(), 0, 'f', 1)
-                    .arg(at.y(), 0, 'f', 1)
-                    .arg(at.z(), 0, 'f', 1));
-}
-
 void DesignPanel::enter() {
+  pose_jaws();
   edits_->show_edits(true);
   margins_->show_margins(true);
   compare_->refresh();
@@ -526,6 +214,7 @@ void DesignPanel::leave() {
   edits_->show_edits(false);
   margins_->show_margins(false);
   compare_->leave();
+  document().layers().set_pose("maxilla", Rigid3::identity());
   for (const char* overlay : {"marks", "gate"}) bench_.scene.clear_overlay(overlay);
   bench_.scene.set_colour_scale(std::nullopt);
 }

@@ -25,7 +25,9 @@ class DesignPanel : public Panel {
   explicit DesignPanel(Workbench& bench);
   void enter() override;
   void leave() override;
-  std::set<std::string> first_layers() const override { return {"maxilla", "mandible_tp", "splint"}; }
+  std::set<std::string> first_layers() const override {
+    return {"maxilla", worn() == Arch::kMaxilla ? "mandible_tp" : "mandible_mi", "splint"};
+  }
 
  private:
   QWidget* make_gates();
@@ -43,6 +45,8 @@ class DesignPanel : public Panel {
   void click_gate(int row);
   Vector3 place_of(const std::string& gate) const;
   void show_scale();
+  Arch worn() const;
+  void pose_jaws();
 
   StepStatus* status_;
   QTabWidget* tabs_;
@@ -59,6 +63,7 @@ class DesignPanel : public Panel {
   std::shared_ptr<const nlohmann::json> report_;
   std::shared_ptr<const SplintMaps> maps_;
   std::vector<ToothLabel> teeth_;
+  bool on_lower_ = false;  ///< the jaws stand as for a splint of the lower teeth
   std::shared_ptr<SplintPreviewer> previewer_ = std::make_shared<SplintPreviewer>();
 };
 

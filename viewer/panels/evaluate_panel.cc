@@ -195,6 +195,10 @@ void EvaluatePanel::run_virtual_print() {
   const auto content = document().shared_content();
   if (!splint || !document().state().therapeutic)
     return document().report("There is no splint to print yet: build one in the Design step.");
+  const bool lower = content->design && content->design->value("arch", std::string()) == "mandible";
+  if (lower || document().state().arch == Arch::kMandible)
+    return document().report(
+        "The virtual print knows splints on the upper teeth; this one is worn on the lower.");
   PlannedSplint planned;
   planned.name = content->title;
   planned.splint = splint->mesh;

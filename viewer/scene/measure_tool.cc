@@ -6,12 +6,12 @@ namespace gnathion {
 namespace {
 
 constexpr Color kInk = {0.60, 0.22, 0.0};
-constexpr double kThickestMm = 15.0, kClickPx = 4.0;
+constexpr double kClickPx = 4.0;
 
 }  // namespace
 
-void MeasureTool::begin(Kind kind) {
-  kind_ = kind;
+void MeasureTool::begin(Measure what) {
+  kind_ = what;
   points_mm_.clear();
   text_.clear();
   show();
@@ -34,24 +34,24 @@ bool MeasureTool::mouse(const SceneMouse& m) {
 }
 
 void MeasureTool::take(const PickedPoint& p) {
-  const std::size_t wanted = kind_ == Kind::kDistance ? 2 : kind_ == Kind::kAngle ? 3 : 2;
-  if (points_mm_.size() >= wanted || kind_ == Kind::kThickness) points_mm_.clear();
+  if (points_mm_.size() >= clicks_of(kind_)) points_mm_.clear();
   points_mm_.push_back(p.at_mm);
   text_.clear();
-  if (kind_ == Kind::kThickness) {
+  if (kind_ == Measure::kThickness) {
     const auto surface = scene_.surface(p.layer);
-    // Poses of the design's layers are the identity; a moved jaw has no wall to measure.
-    const auto hit =
-        surface ? surface->ray(p.at_mm - 0.02 * p.normal, -p.normal, 0.0, kThickestMm) : std::nullopt;
+    const Rigid3 mesh_from_dental = p.dental_from_mesh.inverse();
+    const auto hit = surface ? surface->ray(mesh_from_dental * (p.at_mm - 0.02 * p.normal),
+                                            mesh_from_dental.rotation * -p.normal, 0.0, kThickestMm)
+                             : std::nullopt;
     if (!hit) {
       text_ = "no wall behind this point";
     } else {
-      points_mm_.push_back(hit->point_mm);
+      points_mm_.push_back(p.dental_from_mesh * hit->point_mm);
       text_ = QString("%1 mm thick").arg((points_mm_[1] - points_mm_[0]).norm(), 0, 'f', 2);
     }
-  } else if (kind_ == Kind::kDistance && points_mm_.size() == 2) {
+  } else if (kind_ == Measure::kDistance && points_mm_.size() == 2) {
     text_ = QString("%1 mm").arg((points_mm_[1] - points_mm_[0]).norm(), 0, 'f', 2);
-  } else if (kind_ == Kind::kAngle && points_mm_.size() == 3) {
+  } else if (kind_ == Measure::kAngle && points_mm_.size() == 3) {
     const Vector3 a = points_mm_[0] - points_mm_[1], b = points_mm_[2] - points_mm_[1];
     text_ = QString("%1°").arg(std::atan2(a.cross(b).norm(), a.dot(b)) * 57.29577951308232, 0, 'f', 1);
   }

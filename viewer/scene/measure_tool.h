@@ -4,15 +4,15 @@
 #include <QString>
 #include <vector>
 
+#include "viewer/model/measure.h"
 #include "viewer/scene/scene_view.h"
 
 namespace gnathion {
 
 class MeasureTool {
  public:
-  enum class Kind { kDistance, kAngle, kThickness };
   explicit MeasureTool(Scene3d& scene) : scene_(scene) {}
-  void begin(Kind kind);
+  void begin(Measure what);
   void end();
   const QString& text() const { return text_; }  ///< "2.31 mm"
   std::function<void(const QString&)> measured;
@@ -23,7 +23,7 @@ class MeasureTool {
   void show();
 
   Scene3d& scene_;
-  Kind kind_ = Kind::kDistance;
+  Measure kind_ = Measure::kDistance;
   std::vector<Vector3> points_mm_;
   QPointF pressed_px_;
   QString text_;

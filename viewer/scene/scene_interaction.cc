@@ -165,7 +165,7 @@ std::optional<PickedPoint> Scene3d::Impl::pick(const QPointF& px,
     const auto hit = query->ray(mesh_from_dental * r.origin_mm, mesh_from_dental.rotation * r.direction);
     if (!hit || hit->distance_mm >= nearest) continue;
     nearest = hit->distance_mm;
-    best = PickedPoint{layer.id, layer.pose * hit->point_mm, layer.pose.rotation * hit->normal};
+    best = PickedPoint{layer.id, layer.pose * hit->point_mm, layer.pose.rotation * hit->normal, layer.pose};
   }
   return best;
 }

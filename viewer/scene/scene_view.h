@@ -22,6 +22,7 @@ namespace gnathion {
 struct PickedPoint {
   std::string layer;
   Vector3 at_mm = Vector3::Zero(), normal = Vector3::UnitZ();
+  Rigid3 dental_from_mesh = {};  ///< of the layer
 };
 
 /// Marks over or in the scene, in Dental.

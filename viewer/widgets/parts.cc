@@ -156,6 +156,27 @@ void MessageBar::show_notice(const QString& line) {
 
 ChartView::ChartView(QWidget* parent) : QWidget(parent) {
   setMinimumSize(200, 120);
+  setToolTip("Click: large");
+}
+
+void ChartView::mousePressEvent(QMouseEvent*) {
+  if (is_large_)
+    hide();
+  else if (drawing_)
+    enlarge();
+}
+
+void ChartView::enlarge() {
+  if (!large_) {
+    large_ = new ChartView(window());
+    large_->setObjectName("largeChart");
+    large_->is_large_ = true;
+  }
+  large_->set_drawing(drawing_);
+  const int w = window()->width(), h = window()->height();
+  large_->setGeometry(w / 20, h / 12, w - w / 10, h - h / 6);
+  large_->show();
+  large_->raise();
 }
 
 void ChartView::set_drawing(std::shared_ptr<const Drawing> drawing) {
@@ -179,7 +200,9 @@ void ChartView::paintEvent(QPaintEvent*) {
     painter.drawText(rect().adjusted(24, 12, -24, -12), Qt::AlignCenter | Qt::TextWordWrap, note_);
     return;
   }
-  const double fit = std::min(width() / drawing_->width_pt(), height() / drawing_->height_pt());
+  const double frame = is_large_ ? 24 : 0;
+  const double fit =
+      std::min((width() - frame) / drawing_->width_pt(), (height() - frame) / drawing_->height_pt());
   const double ratio = devicePixelRatioF();
   if (picture_.isNull() || drawn_for_ != size()) {
     if (const Result<std::string> png = png_bytes(*drawing_, fit * ratio))
@@ -190,6 +213,10 @@ void ChartView::paintEvent(QPaintEvent*) {
   painter.setRenderHint(QPainter::SmoothPixmapTransform);
   painter.drawImage(QRectF(QPointF((width() - shown.width()) / 2, (height() - shown.height()) / 2), shown),
                     picture_);
+  painter.setPen(QColor(96, 103, 116));
+  if (is_large_) return painter.drawRect(rect().adjusted(0, 0, -1, -1));
+  painter.setFont(QFont(font().family(), 8));
+  painter.drawText(rect().adjusted(0, 0, -6, -4), Qt::AlignRight | Qt::AlignBottom, "click: large");
 }
 
 }  // namespace gnathion

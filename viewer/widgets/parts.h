@@ -52,6 +52,7 @@ class MessageBar : public QFrame {
 };
 
 /// A vector drawing of rendering/, as large as it fits.
+/// A click shows the same chart over the window, as large as it fits; another click, or Esc, puts it away.
 class ChartView : public QWidget {
  public:
   explicit ChartView(QWidget* parent = nullptr);
@@ -61,8 +62,13 @@ class ChartView : public QWidget {
 
  protected:
   void paintEvent(QPaintEvent* event) override;
+  void mousePressEvent(QMouseEvent* event) override;
 
  private:
+  void enlarge();
+
+  ChartView* large_ = nullptr;  ///< the sheet over the window; a child of it
+  bool is_large_ = false;
   std::shared_ptr<const class Drawing> drawing_;
   QString note_;
   QImage picture_;

@@ -17,6 +17,20 @@ QColor to_qcolor(const Color& c) {
   return QColor::fromRgbF(c[0], c[1], c[2]);
 }
 
+/// How far along the ray it meets the line.
+void add_crossings(const Polyline2& line, const Eigen::Vector2d& from, const Eigen::Vector2d& way,
+                   std::vector<double>& out) {
+  const auto across = [&](const Eigen::Vector2d& p) {
+    return way.x() * (p - from).y() - way.y() * (p - from).x();
+  };
+  for (std::size_t i = 0; i + 1 < line.size(); ++i) {
+    const double a = across(line[i]), b = across(line[i + 1]);
+    if ((a < 0) == (b < 0)) continue;
+    const double at = way.dot(line[i] + a / (a - b) * (line[i + 1] - line[i]) - from);
+    if (at > 0) out.push_back(at);
+  }
+}
+
 }  // namespace
 
 ProfilePlot::ProfilePlot(QWidget* parent) : QWidget(parent) {
@@ -45,11 +59,11 @@ void ProfilePlot::set_marker(const Eigen::Vector2d& p_mm, bool shown) {
   update();
 }
 
-void ProfilePlot::set_measuring(bool on) {
-  measuring_ = on;
+void ProfilePlot::set_measuring(std::optional<Measure> what) {
+  measuring_ = what;
   points_mm_.clear();
   measured_.clear();
-  setCursor(on ? Qt::CrossCursor : Qt::ArrowCursor);
+  setCursor(what ? Qt::CrossCursor : Qt::ArrowCursor);
   update();
 }
 
@@ -81,21 +95,51 @@ Eigen::Vector2d ProfilePlot::to_mm(const QPointF& px) const {
           centre_mm_.y() - (px.y() - height() / 2.0) / px_per_mm_};
 }
 
+struct ProfilePlot::OnCurve {
+  Eigen::Vector2d at_mm, along;  ///< unit
+  std::string curve;
+};
+
 /// The nearest point of a curve, if one is near.
-Eigen::Vector2d ProfilePlot::snapped(const QPointF& px) const {
+std::optional<ProfilePlot::OnCurve> ProfilePlot::nearest_curve(const QPointF& px) const {
   const Eigen::Vector2d p = to_mm(px);
-  Eigen::Vector2d best = p;
+  std::optional<OnCurve> best;
   double nearest = kSnapPx / px_per_mm_;
   for (const PlotCurve& c : curves_)
     for (const Polyline2& line : c.lines)
       for (std::size_t i = 0; i + 1 < line.size(); ++i) {
         const Eigen::Vector2d d = line[i + 1] - line[i];
         const double l2 = d.squaredNorm();
-        const double s = l2 > 0 ? std::clamp((p - line[i]).dot(d) / l2, 0.0, 1.0) : 0.0;
-        const Eigen::Vector2d q = line[i] + s * d;
-        if ((q - p).norm() < nearest) nearest = (q - p).norm(), best = q;
+        if (l2 == 0) continue;
+        const Eigen::Vector2d q = line[i] + std::clamp((p - line[i]).dot(d) / l2, 0.0, 1.0) * d;
+        if ((q - p).norm() < nearest) nearest = (q - p).norm(), best = OnCurve{q, d.normalized(), c.name};
       }
   return best;
+}
+
+/// Across the curve under the mouse to its next crossing, on the side that lies inside of it.
+void ProfilePlot::measure_wall(const QPointF& px) {
+  points_mm_.clear();
+  const auto from = nearest_curve(px);
+  measured_ = from ? "no wall behind this point" : "click on a profile";
+  points_mm_.push_back(from ? from->at_mm : to_mm(px));
+  if (!from) return;
+  double thinnest = kThickestMm;
+  for (const double side : {1.0, -1.0}) {
+    const Eigen::Vector2d way = side * Eigen::Vector2d(-from->along.y(), from->along.x());
+    std::vector<double> crossings;
+    for (const PlotCurve& c : curves_) {
+      if (c.name != from->curve) continue;
+      for (const Polyline2& line : c.lines) add_crossings(line, from->at_mm + 0.02 * way, way, crossings);
+    }
+    if (crossings.size() % 2 == 0) continue;  // that side is outside
+    const double wall = 0.02 + *std::min_element(crossings.begin(), crossings.end());
+    if (wall >= thinnest) continue;
+    thinnest = wall;
+    points_mm_.resize(1);
+    points_mm_.push_back(from->at_mm + wall * way);
+    measured_ = QString("%1 mm thick").arg(wall, 0, 'f', 2);
+  }
 }
 
 void ProfilePlot::draw_grid(QPainter& painter) const {
@@ -210,18 +254,20 @@ void ProfilePlot::wheelEvent(QWheelEvent* event) {
 void ProfilePlot::mousePressEvent(QMouseEvent* event) {
   last_mouse_ = event->pos();
   if (!measuring_ || event->button() != Qt::LeftButton) return;
-  if (points_mm_.size() == 3) points_mm_.clear();
-  points_mm_.push_back(snapped(event->localPos()));
-  if (points_mm_.size() == 2) {
+  update();
+  if (*measuring_ == Measure::kThickness) return measure_wall(event->localPos());
+  if (points_mm_.size() >= clicks_of(*measuring_)) points_mm_.clear();
+  const auto near = nearest_curve(event->localPos());
+  points_mm_.push_back(near ? near->at_mm : to_mm(event->localPos()));
+  measured_.clear();
+  if (points_mm_.size() < clicks_of(*measuring_)) return;
+  if (*measuring_ == Measure::kDistance) {
     measured_ = QString("%1 mm").arg((points_mm_[1] - points_mm_[0]).norm(), 0, 'f', 2);
-  } else if (points_mm_.size() == 3) {
-    const Eigen::Vector2d a = (points_mm_[0] - points_mm_[1]), b = (points_mm_[2] - points_mm_[1]);
+  } else {
+    const Eigen::Vector2d a = points_mm_[0] - points_mm_[1], b = points_mm_[2] - points_mm_[1];
     const double angle = std::atan2(std::abs(a.x() * b.y() - a.y() * b.x()), a.dot(b));
     measured_ = QString("%1°").arg(angle * 57.29577951308232, 0, 'f', 1);
-  } else {
-    measured_.clear();
   }
-  update();
 }
 
 void ProfilePlot::mouseMoveEvent(QMouseEvent* event) {
