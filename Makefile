@@ -4,7 +4,7 @@ BUILD := build/release
 JOBS ?= $(shell nproc)
 BIN := $(BUILD)/bin
 
-.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-cases campaign-chain campaign-check campaign-daemon package check-package format clean
+.PHONY: all deps build demo test bench bench-recording bench-viewer screenshots accuracy fuzz asan tsan tidy campaign campaign-cases campaign-chain campaign-check campaign-daemon campaign-splints package check-package format clean
 
 all: build
 
@@ -59,6 +59,10 @@ campaign: build
 	@$(BIN)/e2e_design_real_test --gtest_also_run_disabled_tests
 	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_virtual_print_phantom_test --gtest_also_run_disabled_tests
 	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_splint_gates_test
+
+# Splints for fresh virtual patients and random T_th, to 5 mm and 8°, on either arch.
+campaign-splints: build
+	@$(BIN)/splint_campaign --cases $(SEEDS) && $(BIN)/splint_campaign --cases 40 --arch mandible
 
 # The chain on fresh virtual patients, at TP, at 25° and with repeated scans; two intraoral scans on the real jaws.
 SEEDS ?= 200

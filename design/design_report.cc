@@ -48,6 +48,7 @@ json contact_facts(const SplintVerification& v) {
           {"front_area_mm2", v.contacts.front_area_mm2},
           {"natural_area_mm2", v.natural_contact_area_mm2},
           {"kept_fraction", v.kept_fraction},
+          {"kept_outside_apertures", v.kept_outside_apertures},
           {"per_tooth", per_tooth}};
 }
 

@@ -14,6 +14,7 @@ constexpr double kUndercutMm = 0.05;            // of the imprint to the opening
 constexpr double kLocksMm = 0.1;                // the same, past what the coarse sweep may miss
 constexpr double kWallToleranceMm = 0.02;       // of triangles at 0.1 mm voxels
 constexpr double kTouchesMm2 = 0.1;             // a positioning splint that touches less holds no jaw ...
+constexpr double kKept = 0.95;                  // of MI's contact area outside apertures
 constexpr double kNaturalMm2 = 0.5;             // ... where MI's contacts are more than a scan's noise
 
 Gate at_most(const std::string& name, double value, double limit, bool blocks = true) {
@@ -62,7 +63,7 @@ std::vector<Gate> splint_gates(const SplintVerification& v, const SplintParamete
     gates.push_back(at_least("contacts_mm2", v.contacts.area_mm2, kTouchesMm2));
   gates.push_back(at_least("contacts_left_mm2", v.contacts.left_area_mm2, 0.1, false));
   gates.push_back(at_least("contacts_right_mm2", v.contacts.right_area_mm2, 0.1, false));
-  if (!flat) gates.push_back(at_least("contacts_kept_fraction", v.kept_fraction, 0.5, false));
+  if (!flat) gates.push_back(at_least("contacts_kept_fraction", v.kept_outside_apertures, kKept, false));
   return gates;
 }
 

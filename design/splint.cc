@@ -122,7 +122,7 @@ double verify(const SplintInputs& inputs, const FinishedSplint& splint, const Sp
       [&] { verify_topology(splint, out); },
       [&] { verify_walls(splint, field, out, &side_wall_p01_mm, &design.thickness_mm); },
       [&] { verify_fit(splint, preparation, inputs.arch, out); },
-      [&] { verify_contacts(inputs, splint, preparation, out); },
+      [&] { verify_contacts(inputs, splint, preparation, design.parameters, out); },
       [&] { verify_seating(inputs, splint, preparation, out); }, [&] { out.build = best_build(design); },
       [&] { add_pictures(inputs, splint, preparation, design); },
       [&] {

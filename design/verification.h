@@ -63,6 +63,7 @@ struct SplintVerification {
   Contacts contacts;                      ///< of the opposing arch in TP with the splint, gap <= 0.05 mm
   double natural_contact_area_mm2 = 0.0;  ///< of the opposing arch in MI with S_occ, same limit
   double kept_fraction = 0.0;             ///< part of the natural contact area that the splint keeps
+  double kept_outside_apertures = 0.0;    ///< the same of what has room for the thinnest wall over it in TP
   struct SurfaceError {
     double mean_abs_mm = 0.0, p99_mm = 0.0, max_mm = 0.0;
     std::size_t samples = 0;

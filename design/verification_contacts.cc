@@ -8,17 +8,26 @@ namespace {
 
 constexpr double kContactMm = 0.05;
 
-/// Part of the natural contact area that touches the splint in TP.
-double kept_fraction(const Contacts& natural, const Rigid3& design_tp_from_dental, const MeshQuery& splint) {
+/// Parts of the natural contact area that touch the splint in TP: of all, and of what is farther than
+/// `aperture_mm` from the support there, where a wall can stand.
+void measure_kept(const Contacts& natural, const Rigid3& design_tp_from_dental, const MeshQuery& splint,
+                  const MeshQuery& support, double aperture_mm, SplintVerification& out) {
   std::vector<Vector3> points;
   for (const SurfaceSample& s : natural.samples) points.push_back(design_tp_from_dental * s.p_mm);
   const std::vector<ClosestHit> hits = closest_points(splint, points, kContactMm);
-  double sum = 0.0, total = 0.0;
+  const std::vector<ClosestHit> teeth = closest_points(support, points, aperture_mm);
+  double kept = 0.0, total = 0.0, kept_outside = 0.0, total_outside = 0.0;
   for (std::size_t i = 0; i < hits.size(); ++i) {
-    total += natural.samples[i].area_mm2;
-    if (hits[i].triangle != ClosestHit::kNoTriangle) sum += natural.samples[i].area_mm2;
+    const double area = natural.samples[i].area_mm2;
+    const double touching = hits[i].triangle != ClosestHit::kNoTriangle ? area : 0.0;
+    total += area;
+    kept += touching;
+    if (teeth[i].triangle != ClosestHit::kNoTriangle) continue;
+    total_outside += area;
+    kept_outside += touching;
   }
-  return total > 0.0 ? sum / total : 0.0;
+  out.kept_fraction = total > 0.0 ? kept / total : 0.0;
+  out.kept_outside_apertures = total_outside > 0.0 ? kept_outside / total_outside : 0.0;
 }
 
 /// How far a point of the splint near the opposing arch is from the surface of S_occ in TP less that arch.
@@ -62,7 +71,7 @@ void measure_contact_surface(const FinishedSplint& splint, const Preparation& pr
 }  // namespace
 
 void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
-                     SplintVerification& out) {
+                     const SplintParameters& p, SplintVerification& out) {
   const TriangleMesh& opposing = inputs.opposing_mi();
   const std::vector<std::uint8_t>& fdi = preparation.opposing_fdi;
   const Vector3 away = -preparation.arch.gingival(inputs.arch);
@@ -83,7 +92,9 @@ void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, c
     out.contact_sigma = contact_sigmas(out.contacts, opposing, fdi, inputs.therapeutic.rigid,
                                        inputs.on_maxilla(), *inputs.therapeutic_covariance);
   out.natural_contact_area_mm2 = natural.area_mm2;
-  out.kept_fraction = kept_fraction(natural, preparation.design_from_dental * tp, splint.query);
+  // The wall ends at the cavity, which leaves the teeth the gap.
+  measure_kept(natural, preparation.design_from_dental * tp, splint.query, preparation.support,
+               p.aperture_limit_mm + std::max(p.gap_mm, p.stop_gap_mm), out);
   measure_contact_surface(splint, preparation, out);
 }
 

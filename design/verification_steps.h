@@ -38,7 +38,7 @@ void verify_fit(const FinishedSplint& splint, const Preparation& preparation, Ar
 /// Contacts of the opposing arch in TP, compared with the natural ones in MI, and the contact surface's
 /// error.
 void verify_contacts(const SplintInputs& inputs, const FinishedSplint& splint, const Preparation& preparation,
-                     SplintVerification& out);
+                     const SplintParameters& p, SplintVerification& out);
 
 /// Depth of the opposing arch in the splint on its excursions; nothing where none were asked for.
 void verify_freedom(const FinishedSplint& splint, const Preparation& preparation, SplintVerification& out);
