@@ -197,6 +197,18 @@ TEST(ChainWithoutBow, IsRefused) {
   ASSERT_FALSE(chain);
   EXPECT_EQ(chain.error().code, ErrorCode::kInput);
   EXPECT_NE(chain.error().line().find("bow"), std::string::npos) << chain.error().line();
+
+  // Two of them: which is on the teeth, the scan does not say.
+  const TriangleMesh worn = transformed(patient.bow_from_dental.rigid.inverse(), patient.bow.surface);
+  const Rigid3 aside = Rigid3::from_translation({0.0, -180.0, -60.0});
+  scans.faces_mi = {merged(merged(patient.face, worn), transformed(aside, worn))};
+  scans.faces_tp = {merged(patient.face, worn)};
+  const auto two_bows = solve_chain(scans, {}, silent);
+  ASSERT_FALSE(two_bows);
+  EXPECT_EQ(two_bows.error().code, ErrorCode::kInput);
+  const std::string why = two_bows.error().line();
+  EXPECT_NE(why.find("bow in face scan in MI"), std::string::npos) << why;
+  EXPECT_NE(why.find("two distinct poses"), std::string::npos) << why;
 }
 
 }  // namespace
