@@ -4,6 +4,7 @@
 #include "core/mesh_query.h"
 #include "core/random.h"
 #include "core/time.h"
+#include "design/preview.h"
 #include "design/splint.h"
 #include "phantom/jaws.h"
 
@@ -68,6 +69,38 @@ BENCHMARK(BM_Design)
     ->Arg(100)
     ->Unit(benchmark::kSecond)
     ->Iterations(1);
+
+/// A preview after one parameter changed there and back, by parameter; processor time beside wall time.
+void BM_PreviewAfter(benchmark::State& state, double SplintParameters::*value, double changed) {
+  SplintInputs in{jaws().maxilla, jaws().mandible_mi,
+                  Motion<Dental>(Rigid3::about_axis({0, 88, 35}, {1, 0, 0}, 0.05)), std::nullopt};
+  SplintPreviewer previewer;
+  SplintParameters parameters;
+  const double before = parameters.*value;
+  if (!previewer.build(in, parameters)) {
+    state.SkipWithError("no preview");
+    return;
+  }
+  for (auto _ : state) {
+    parameters.*value = parameters.*value == before ? changed : before;
+    benchmark::DoNotOptimize(previewer.build(in, parameters));
+  }
+}
+#define GNATHION_PREVIEW(name, value)                                      \
+  BENCHMARK_CAPTURE(BM_PreviewAfter, name, &SplintParameters::name, value) \
+      ->Unit(benchmark::kMillisecond)                                      \
+      ->Iterations(4)                                                      \
+      ->MeasureProcessCPUTime()                                            \
+      ->UseRealTime()
+GNATHION_PREVIEW(wall_mm, 1.3);
+GNATHION_PREVIEW(gap_mm, 0.15);
+GNATHION_PREVIEW(engagement_mm, 0.1);
+GNATHION_PREVIEW(draft_deg, 25.0);
+GNATHION_PREVIEW(smoothing_mm, 1.5);
+GNATHION_PREVIEW(stamp_height_mm, 3.0);
+GNATHION_PREVIEW(imprint_depth_mm, 0.8);
+GNATHION_PREVIEW(depth_mm, 3.0);
+#undef GNATHION_PREVIEW
 
 }  // namespace
 }  // namespace gnathion
