@@ -59,6 +59,7 @@ campaign: build
 	@$(BIN)/e2e_design_real_test --gtest_also_run_disabled_tests
 	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_virtual_print_phantom_test --gtest_also_run_disabled_tests
 	@GNATHION_CAMPAIGN=1 $(BIN)/e2e_splint_gates_test
+	@GNATHION_CAMPAIGN=1 xvfb-run -a -s "-screen 0 1280x800x24" $(BIN)/viewer_live_test
 
 # Splints for fresh virtual patients and random T_th, to 5 mm and 8°, on either arch.
 campaign-splints: build

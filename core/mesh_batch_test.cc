@@ -88,5 +88,55 @@ TEST(LocalQuery, AnswersForEveryPointOfItsBall) {
   }
 }
 
+/// Triangles of every shape, from needles and specks to none at all, some twice.
+TriangleMesh soup(std::uint64_t seed) {
+  Random random(seed);
+  TriangleMesh mesh;
+  for (int i = 0; i < 600; ++i) {
+    const Vector3 a = 3.0 * random.normal3(),
+                  along = std::pow(10.0, -4.0 * random.uniform()) * random.normal3();
+    const Vector3 across = std::pow(10.0, -9.0 * random.uniform()) * random.normal3();
+    const auto first = static_cast<std::uint32_t>(mesh.vertices_mm.size());
+    for (const Vector3& v : {a, Vector3(a + along), Vector3(a + random.uniform() * along + across)})
+      mesh.vertices_mm.push_back(v);
+    mesh.triangles.push_back({first, first + 1, first + 2});
+    if (i % 50 == 0) mesh.triangles.push_back({first, first + 1, first + 1});
+    if (i % 20 == 0) mesh.triangles.push_back({first + 1, first + 2, first});
+  }
+  return mesh;
+}
+
+TEST(LocalQuery, AnswersToTheLastBitWhateverTheTrianglesShape) {
+  for (const double far_mm : {0.0, 300.0}) {
+    TriangleMesh mesh = soup(7);
+    for (Vector3& v : mesh.vertices_mm) v.x() += far_mm;
+    const MeshQuery query(std::move(mesh));
+    Random random(8);
+    LocalQuery local(query);
+    int found = 0;
+    for (int ball = 0; ball < 400; ++ball) {
+      const Vector3 centre = 3.0 * random.normal3() + Vector3(far_mm, 0.0, 0.0);
+      const double radius = std::pow(10.0, -3.0 * random.uniform()), reach = 2.0 * random.uniform();
+      if (!local.gather(centre, radius, reach)) continue;
+      for (int i = 0; i < 20; ++i) {
+        // Some on the triangles themselves, where every neighbour is as near.
+        Vector3 p = centre + radius * random.uniform() * random.normal3().normalized();
+        if (i % 4 == 0) {
+          const Vector3& v = query.mesh().vertices_mm[random.below(static_cast<std::uint32_t>(query.mesh().vertices_mm.size()))];
+          if ((v - centre).norm() < radius) p = v;
+        }
+        const auto a = query.closest(p, reach), b = local.closest(p, reach);
+        ASSERT_EQ(a.has_value(), b.has_value());
+        if (!a) continue;
+        ++found;
+        EXPECT_EQ(a->triangle, b->triangle);
+        EXPECT_EQ(a->distance_mm, b->distance_mm);
+        EXPECT_EQ(a->point_mm, b->point_mm);
+      }
+    }
+    EXPECT_GT(found, 2000);
+  }
+}
+
 }  // namespace
 }  // namespace gnathion

@@ -94,6 +94,7 @@ struct MeshQuery::Impl {
 
   void measure_features();
   void build_scene();
+  std::optional<ClosestPoint> closest(const Vector3& p_mm, double max_distance_mm, std::uint32_t near) const;
   Vector3 edge_normal(std::uint32_t side) const;
   ClosestPoint finished(const PointSearch& search) const;
   void trace(RaySearch& search) const;
@@ -244,19 +245,27 @@ const TriangleMesh& MeshQuery::mesh() const {
   return impl_->mesh;
 }
 
-std::optional<ClosestPoint> MeshQuery::closest(const Vector3& p_mm, double max_distance_mm) const {
-  if (impl_->scene == nullptr || !p_mm.allFinite() || !(max_distance_mm >= 0.0)) return std::nullopt;
-  const double slack = kSlack * ((p_mm - impl_->centre_mm).norm() + impl_->radius_mm);
-  PointSearch search{&impl_->mesh, p_mm, slack, {}};
+/// `near`: a triangle that may be close, where one is known; the search has less to look at then.
+std::optional<ClosestPoint> MeshQuery::Impl::closest(const Vector3& p_mm, double max_distance_mm,
+                                                     std::uint32_t near) const {
+  if (scene == nullptr || !p_mm.allFinite() || !(max_distance_mm >= 0.0)) return std::nullopt;
+  const double slack = kSlack * ((p_mm - centre_mm).norm() + radius_mm);
+  PointSearch search{&mesh, p_mm, slack, {}};
   search.best.squared_distance = max_distance_mm * max_distance_mm;
-  const Eigen::Vector3f q = (p_mm - impl_->centre_mm).cwiseMax(-kFarAway).cwiseMin(kFarAway).cast<float>();
+  double reach_mm = max_distance_mm;
+  if (near != kBoundary && search.consider(near)) reach_mm = std::sqrt(search.best.squared_distance);
+  const Eigen::Vector3f q = (p_mm - centre_mm).cwiseMax(-kFarAway).cwiseMin(kFarAway).cast<float>();
   RTCPointQuery query{q.x(), q.y(), q.z(), 0.0f, std::numeric_limits<float>::infinity()};
-  if (max_distance_mm < kFarAway) query.radius = static_cast<float>(max_distance_mm * (1.0 + kSlack) + slack);
+  if (reach_mm < kFarAway) query.radius = static_cast<float>(reach_mm * (1.0 + kSlack) + slack);
   RTCPointQueryContext context;
   rtcInitPointQueryContext(&context);
-  rtcPointQuery(impl_->scene, &query, &context, &Impl::visit_point, &search);
+  rtcPointQuery(scene, &query, &context, &Impl::visit_point, &search);
   if (search.triangle == kBoundary) return std::nullopt;
-  return impl_->finished(search);
+  return finished(search);
+}
+
+std::optional<ClosestPoint> MeshQuery::closest(const Vector3& p_mm, double max_distance_mm) const {
+  return impl_->closest(p_mm, max_distance_mm, kBoundary);
 }
 
 namespace {
@@ -274,6 +283,15 @@ std::optional<SignedDistance> MeshQuery::signed_distance(const Vector3& p_mm, do
   return with_side(p_mm, *found);
 }
 
+namespace {
+
+/// A bound, by a hair larger against rounding; the comparison itself is PointSearch's.
+double loosened(double mm) {
+  return mm * (1.0 + 1e-12) + 1e-9;
+}
+
+}  // namespace
+
 bool LocalQuery::gather(const Vector3& centre_mm, double radius_mm, double max_distance_mm) {
   constexpr std::size_t kMost = 256;
   candidates_.clear();
@@ -281,8 +299,9 @@ bool LocalQuery::gather(const Vector3& centre_mm, double radius_mm, double max_d
   direct_ = false;
   centre_mm_ = centre_mm;
   const double reach_mm = max_distance_mm + radius_mm;
-  const std::optional<ClosestPoint> nearest = query_->closest(centre_mm, reach_mm);
+  const std::optional<ClosestPoint> nearest = query_->impl_->closest(centre_mm, reach_mm, last_);
   if (!nearest) return false;
+  last_ = nearest->triangle;
   // A point of the ball has nearest's triangle within its distance + radius, so its own is within + 2 radii.
   const double ball_mm = std::min(reach_mm, nearest->distance_mm + 2.0 * radius_mm);
   query_->impl_->triangles_near(centre_mm, ball_mm, found_);
@@ -290,36 +309,48 @@ bool LocalQuery::gather(const Vector3& centre_mm, double radius_mm, double max_d
   if (direct_) return true;
   const TriangleMesh& mesh = query_->mesh();
   for (const std::uint32_t t : found_) {
-    Candidate c;
-    for (int k = 0; k < 3; ++k) c.corner[k] = mesh.corner(t, k);
-    c.centre = (c.corner[0] + c.corner[1] + c.corner[2]) / 3.0;
-    for (const Vector3& corner : c.corner) c.radius = std::max(c.radius, (corner - c.centre).norm());
-    c.nearest_mm = (c.centre - centre_mm).norm() - c.radius;
-    c.triangle = t;
-    if (c.nearest_mm <= ball_mm * (1.0 + 1e-9) + 1e-9) candidates_.push_back(c);
+    const Vector3 centre = (mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0;
+    double radius2 = 0.0;
+    for (int k = 0; k < 3; ++k) radius2 = std::max(radius2, (mesh.corner(t, k) - centre).squaredNorm());
+    const double nearest_mm = (centre - centre_mm).norm() - std::sqrt(radius2);
+    if (nearest_mm <= loosened(ball_mm)) candidates_.emplace_back(nearest_mm, t);
   }
-  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
-    return a.nearest_mm != b.nearest_mm ? a.nearest_mm < b.nearest_mm : a.triangle < b.triangle;
-  });
+  std::sort(candidates_.begin(), candidates_.end());
+  bundles_.assign((candidates_.size() + TriangleBundle::kLanes - 1) / TriangleBundle::kLanes, {});
+  for (std::size_t i = 0; i < candidates_.size(); ++i) {
+    const std::uint32_t t = candidates_[i].second;
+    bundles_[i / TriangleBundle::kLanes].set(static_cast<int>(i % TriangleBundle::kLanes),
+                                             mesh.corner(t, 0) - centre_mm, mesh.corner(t, 1) - centre_mm,
+                                             mesh.corner(t, 2) - centre_mm, radius_mm);
+  }
   return true;
 }
 
 std::optional<ClosestPoint> LocalQuery::closest(const Vector3& p_mm, double max_distance_mm) const {
-  if (direct_) return query_->closest(p_mm, max_distance_mm);
+  if (direct_) {
+    const auto found = query_->impl_->closest(p_mm, max_distance_mm, last_);
+    if (found) last_ = found->triangle;
+    return found;
+  }
+  if (candidates_.empty()) return std::nullopt;
   PointSearch search{&query_->mesh(), p_mm, 0.0, {}};
   search.best.squared_distance = max_distance_mm * max_distance_mm;
-  double best_mm = max_distance_mm;
-  const double off_mm = (p_mm - centre_mm_).norm();
-  // Bounds are loosened by a hair against rounding; the comparison itself is PointSearch's.
-  const auto loose = [](double mm) { return mm * (1.0 + 1e-12) + 1e-9; };
-  for (const Candidate& c : candidates_) {
-    if (c.nearest_mm - off_mm > loose(best_mm)) break;
-    const double far_mm = loose(best_mm) + c.radius;
-    if ((p_mm - c.centre).squaredNorm() > far_mm * far_mm) continue;
-    if (search.consider(c.triangle, c.corner[0], c.corner[1], c.corner[2]))
-      best_mm = std::sqrt(search.best.squared_distance);
+  search.consider(last_);
+  double best_mm = std::sqrt(search.best.squared_distance);
+  const Vector3 off = p_mm - centre_mm_;
+  const double off_mm = off.norm();
+  const Eigen::Vector3f p = off.cast<float>();
+  for (std::size_t i = 0; i < candidates_.size(); i += TriangleBundle::kLanes) {
+    if (candidates_[i].first - off_mm > loosened(best_mm)) break;
+    const unsigned near = bundles_[i / TriangleBundle::kLanes].near(p, static_cast<float>(loosened(best_mm)));
+    if (near == 0) continue;
+    for (unsigned lane = 0; lane < TriangleBundle::kLanes; ++lane)
+      if ((near >> lane & 1u) != 0 && candidates_[i + lane].second != last_)
+        search.consider(candidates_[i + lane].second);
+    best_mm = std::sqrt(search.best.squared_distance);
   }
   if (search.triangle == kBoundary) return std::nullopt;
+  last_ = search.triangle;
   return query_->impl_->finished(search);
 }
 

@@ -6,9 +6,11 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "core/mesh.h"
+#include "core/triangle_bundle.h"
 
 namespace gnathion {
 
@@ -84,18 +86,13 @@ class LocalQuery {
   std::optional<SignedDistance> signed_distance(const Vector3& p_mm, double max_distance_mm) const;
 
  private:
-  struct Candidate {
-    Vector3 corner[3];
-    Vector3 centre;
-    double radius = 0.0;      // about the centre
-    double nearest_mm = 0.0;  // to the ball's centre, at least
-    std::uint32_t triangle = 0;
-  };
   const MeshQuery* query_;
   Vector3 centre_mm_ = Vector3::Zero();
   bool direct_ = false;  // too many candidates: the tree is faster
   std::vector<std::uint32_t> found_;
-  std::vector<Candidate> candidates_;  // by nearest_mm
+  std::vector<std::pair<double, std::uint32_t>> candidates_;  // (from the centre at least, triangle), sorted
+  std::vector<TriangleBundle> bundles_;                       // of the candidates, in their order
+  mutable std::uint32_t last_ = 0xffffffffu;                  // a neighbour's nearest triangle is near, too
 };
 
 /// closest() for many points, on all cores; entries without a closest point within reach have

@@ -35,6 +35,20 @@ struct Opposite {
   Vector3 normal;  ///< not normalised, as it is
   double normal2 = 0.0, length2 = 0.0;
 };
+/// A triangle that would remain: `to` and its opposite side.
+struct Made {
+  const Opposite* side = nullptr;
+  Vector3 normal;  ///< not normalised
+  double normal2 = 0.0;
+
+  /// Whether p is near enough: mostly its height over the plane tells.
+  bool has_within(const Vector3& p, const Vector3& to, double squared_mm2) const {
+    const Vector3 from_to = p - to;
+    const double height = normal.dot(from_to);
+    if (height * height > squared_mm2 * normal2 * (1.0 + 1e-9)) return false;
+    return closest_on_triangle(p, to, side->at_p, side->at_q).squared_distance <= squared_mm2;
+  }
+};
 struct OppositeSides {
   std::array<Opposite, kMostNeighbours> sides;
   std::size_t count = 0;
@@ -194,7 +208,7 @@ class Simplifier {
   /// Sine of the sharpest corner among the triangles that would remain; -1 where the collapse is refused, or
   /// is not better than `least`.
   double quality_of(std::uint32_t v, std::uint32_t onto, const OppositeSides& opposite, double least) const {
-    std::array<const Opposite*, kMostNeighbours> made;
+    std::array<Made, kMostNeighbours> made;
     std::size_t count = 0;
     double quality = 1.0;
     const Vector3& to = places_[onto];
@@ -212,7 +226,7 @@ class Simplifier {
       const double sides2 = side.length2 * qt * tp / std::min({side.length2, qt, tp});
       quality = std::min(quality, std::sqrt(area2 / sides2));
       if (quality < least_sine_ || quality <= least) return -1.0;
-      made[count++] = &side;
+      made[count++] = {&side, after, area2};
     }
     if (count == 0) return -1.0;
     std::size_t last = 0;  // where the one before was near: often near again
@@ -220,9 +234,7 @@ class Simplifier {
       const double tolerance = tolerance_[ghost];
       for (std::size_t i = 0; i < count; ++i) {
         const std::size_t n = (last + i) % count;
-        if (closest_on_triangle(places_[ghost], to, made[n]->at_p, made[n]->at_q).squared_distance >
-            tolerance * tolerance)
-          continue;
+        if (!made[n].has_within(places_[ghost], to, tolerance * tolerance)) continue;
         last = n;
         return true;
       }

@@ -310,8 +310,9 @@ struct NearJaws {
 };
 
 /// Rounds of pushing until nothing is deeper than the tolerance; the mesh may cross itself afterwards.
+/// `tree`: of the splint as it is, where there is one.
 void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& opposing, double tolerance_mm,
-           NearJaws todo) {
+           NearJaws todo, std::optional<MeshQuery> tree) {
   const std::vector<Vector3> of_support = vertex_normals(support.mesh()),
                              of_opposing = vertex_normals(opposing.mesh());
   std::vector<std::uint32_t> moved;
@@ -321,8 +322,9 @@ void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& oppo
     push_triangles(splint, todo.support, support, tolerance_mm, pushes);
     push_triangles(splint, todo.opposing, opposing, tolerance_mm, pushes);
     if (any_pierced) {
-      const Pierced pierced =
-          round == 0 ? Pierced{MeshQuery(splint), {}, std::nullopt} : about_moved(splint, moved);
+      const Pierced pierced = round > 0 ? about_moved(splint, moved)
+                              : tree    ? Pierced{std::move(*tree), {}, std::nullopt}
+                                        : Pierced{MeshQuery(splint), {}, std::nullopt};
       const bool by_support =
           push_by_jaw_vertices(splint, pierced, support, of_support, tolerance_mm, pushes);
       any_pierced =
@@ -333,9 +335,10 @@ void press(TriangleMesh& splint, const MeshQuery& support, const MeshQuery& oppo
   }
 }
 
-/// Rounds of pushing until the splint's way onto its arch meets nothing deeper than r.
-void press_on_way(TriangleMesh& splint, const MeshQuery& support, double engagement_mm, double tolerance_mm,
-                  const std::vector<std::uint32_t>& todo) {
+/// Rounds of pushing until the splint's way onto its arch meets nothing deeper than r. Returns a tree of the
+/// splint as it is then, if the last round moved nothing.
+std::optional<MeshQuery> press_on_way(TriangleMesh& splint, const MeshQuery& support, double engagement_mm,
+                                      double tolerance_mm, const std::vector<std::uint32_t>& todo) {
   const Box box = bounding_box(splint);
   std::vector<Vector3> jaw;
   for (const Vector3& v : support.mesh().vertices_mm)
@@ -346,12 +349,14 @@ void press_on_way(TriangleMesh& splint, const MeshQuery& support, double engagem
   for (int round = 0; round < kWayRounds; ++round) {
     std::vector<Push> pushes(splint.vertices_mm.size());
     push_on_way(splint, listed, support, engagement_mm, tolerance_mm, pushes);
-    push_on_way_by_jaw(MeshQuery(splint), jaw, engagement_mm, tolerance_mm, pushes);
+    MeshQuery tree(splint);
+    push_on_way_by_jaw(tree, jaw, engagement_mm, tolerance_mm, pushes);
     const std::vector<std::uint32_t> moved = triangles_at(splint, moved_by(pushes, splint));
-    if (moved.empty()) return;
+    if (moved.empty()) return tree;
     listed.assign(listed.size(), false);
     for (const std::uint32_t t : moved) listed[t] = true;
   }
+  return std::nullopt;
 }
 
 /// Triangles that may come near the jaw anywhere, by its coarse distances at their corners.
@@ -380,8 +385,10 @@ void press_free_of_jaws(TriangleMesh& splint, const SplintField& field, double t
                   triangles_near(splint, field.jaws().opposing)};
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     const std::vector<Vector3> sound = splint.vertices_mm;
-    press_on_way(splint, field.preparation().support, field.parameters().engagement_mm, tolerance_mm, todo);
-    press(splint, field.preparation().support, field.preparation().opposing, tolerance_mm, std::move(by_jaw));
+    auto tree = press_on_way(splint, field.preparation().support, field.parameters().engagement_mm,
+                             tolerance_mm, todo);
+    press(splint, field.preparation().support, field.preparation().opposing, tolerance_mm, std::move(by_jaw),
+          std::move(tree));
     if (!take_back_crossings(splint, sound)) return;
     std::vector<char> moved(sound.size());
     for (std::size_t v = 0; v < sound.size(); ++v) moved[v] = splint.vertices_mm[v] != sound[v];

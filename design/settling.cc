@@ -27,12 +27,18 @@ Jacobian by_motion(const TouchPoint& t, const Vector3& centre) {
 
 struct System {
   std::vector<Jacobian> rows;
-  std::vector<double> gaps, weights;  // mm, N/mm
-  Jacobian pull;                      // force, generalised
+  std::vector<double> gaps, weights;  // mm, N/mm; the smallest gaps first
+  double longest_row = 0.0;
+  Jacobian pull;  // force, generalised
 
+  /// Those that a motion of this size may close: the first so many.
+  std::size_t within(const Jacobian& x) const {
+    const double closes_mm = longest_row * x.norm() * (1.0 + 1e-9);
+    return static_cast<std::size_t>(std::upper_bound(gaps.begin(), gaps.end(), closes_mm) - gaps.begin());
+  }
   double energy(const Jacobian& x) const {
     double e = 0.5 * kHoldN_mm * x.squaredNorm() - pull.dot(x);
-    for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t i = 0, n = within(x); i < n; ++i) {
       const double depth = std::min(0.0, gaps[i] + rows[i].dot(x));
       e += 0.5 * weights[i] * depth * depth;
     }
@@ -42,7 +48,7 @@ struct System {
   void derivatives(const Jacobian& x, Jacobian& gradient, Matrix6& hessian) const {
     gradient = kHoldN_mm * x - pull;
     hessian = kHoldN_mm * Matrix6::Identity();
-    for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t i = 0, n = within(x); i < n; ++i) {
       const double depth = gaps[i] + rows[i].dot(x);
       if (depth >= 0.0) continue;
       gradient += weights[i] * depth * rows[i];
@@ -53,9 +59,9 @@ struct System {
 
 /// Newton with halved steps, from softer foundations to the stiff one: few points touch at first, and with a
 /// stiff one alone the steps would jump from set to set.
-Jacobian minimum(System& system) {
+Jacobian minimum(System& system, const std::vector<double>& stiff) {
   Jacobian x = Jacobian::Zero();
-  const std::vector<double> stiff = system.weights;
+  system.weights.resize(stiff.size());
   for (const double softness : {1e-3, 1e-2, 1e-1, 1.0}) {
     for (std::size_t i = 0; i < stiff.size(); ++i) system.weights[i] = softness * stiff[i];
     double energy = system.energy(x);
@@ -119,25 +125,50 @@ std::vector<TouchPoint> touch_points(const MeshQuery& at_rest, const MeshQuery& 
   return out;
 }
 
-Settled settled(const std::vector<TouchPoint>& points, const PressingForce& force,
-                double stiffness_n_per_mm3) {
-  const Vector3 centre = force.through_mm;  // the force has no moment about it
+struct ElasticFoundation::Impl {
+  Vector3 centre_mm;
   System system;
-  system.pull << Vector3::Zero(), force.force_n;
-  for (const TouchPoint& t : points) {
-    system.rows.push_back(by_motion(t, centre));
-    system.gaps.push_back(t.gap_mm);
-    system.weights.push_back(stiffness_n_per_mm3 * t.area_mm2);
+  std::vector<double> stiff_n_per_mm;
+};
+
+ElasticFoundation::ElasticFoundation(const std::vector<TouchPoint>& points, const Vector3& through_mm,
+                                     double stiffness_n_per_mm3)
+    : impl_(std::make_unique<Impl>()) {
+  impl_->centre_mm = through_mm;
+  System& system = impl_->system;
+  std::vector<std::pair<double, std::uint32_t>> order;
+  order.reserve(points.size());
+  for (std::uint32_t i = 0; i < points.size(); ++i) order.emplace_back(points[i].gap_mm, i);
+  std::sort(order.begin(), order.end());
+  system.rows.reserve(points.size());
+  system.gaps.reserve(points.size());
+  for (const auto& [gap_mm, i] : order) {
+    const TouchPoint& t = points[i];
+    system.rows.push_back(by_motion(t, through_mm));
+    system.longest_row = std::max(system.longest_row, system.rows.back().norm());
+    system.gaps.push_back(gap_mm);
+    impl_->stiff_n_per_mm.push_back(stiffness_n_per_mm3 * t.area_mm2);
   }
-  const Jacobian x = minimum(system);
+}
+ElasticFoundation::~ElasticFoundation() = default;
+
+Settled ElasticFoundation::under(const Vector3& force_n) {
+  System& system = impl_->system;
+  const Vector3& centre = impl_->centre_mm;  // the force has no moment about it
+  system.pull << Vector3::Zero(), force_n;
+  const Jacobian x = minimum(system, impl_->stiff_n_per_mm);
   Settled out;
   const Vector3 turn = x.head<3>() / kLeverMm;
-  const Rigid3 about{exp_so3(turn), centre + x.tail<3>() - exp_so3(turn) * centre};
-  out.motion = about;
-  for (std::size_t i = 0; i < points.size(); ++i)
+  out.motion = Rigid3{exp_so3(turn), centre + x.tail<3>() - exp_so3(turn) * centre};
+  for (std::size_t i = 0, n = system.within(x); i < n; ++i)
     out.deepest_mm = std::max(out.deepest_mm, -(system.gaps[i] + system.rows[i].dot(x)));
   out.at_rest = x.norm() < kAwayMm;
   return out;
+}
+
+Settled settled(const std::vector<TouchPoint>& points, const PressingForce& force,
+                double stiffness_n_per_mm3) {
+  return ElasticFoundation(points, force.through_mm, stiffness_n_per_mm3).under(force.force_n);
 }
 
 }  // namespace gnathion

@@ -2,6 +2,7 @@
 // equilibrium under one force.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "core/mesh_query.h"
@@ -32,6 +33,21 @@ struct Settled {
   Rigid3 motion;            ///< of the moving body, in the common frame
   double deepest_mm = 0.0;  ///< overlap that remains under the force
   bool at_rest = true;      ///< false: the force is not held; it slides away
+};
+
+/// The touching area as a stiff elastic foundation (Winkler), under forces through one point. One thread at a
+/// time.
+class ElasticFoundation {
+ public:
+  ElasticFoundation(const std::vector<TouchPoint>& points, const Vector3& through_mm,
+                    double stiffness_n_per_mm3 = 2e5);
+  ~ElasticFoundation();
+  /// As settled().
+  Settled under(const Vector3& force_n);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 /// Minimum of the potential of the force and of a stiff elastic foundation on the touching area (Winkler;

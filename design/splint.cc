@@ -104,10 +104,11 @@ std::optional<BiteReadout> read_bite(const SplintInputs& inputs, const Preparati
   return bite_readout(*points, arch, inputs.therapeutic.rigid);
 }
 
-SplintVerification::Build best_build(const SplintDesign& design) {
+SplintVerification::Build best_build(const SplintDesign& design, const FinishedSplint& splint) {
   static const std::vector<float> kNoThickness;
-  const BuildDirection best =
-      find_build_direction({design.splint, kNoThickness, design.part}, design.insertion.direction);
+  const PlacedTree tree{splint.query, design.dental_from_design.inverse()};
+  const BuildDirection best = find_build_direction({design.splint, kNoThickness, design.part},
+                                                   design.insertion.direction, kSelfSupportingDeg, &tree);
   return {best.up, best.overhang_mm2, best.cavity_overhang_mm2};
 }
 
@@ -118,28 +119,28 @@ double verify(const SplintInputs& inputs, const FinishedSplint& splint, const Sp
   const Preparation& preparation = field.preparation();
   SplintVerification& out = design.verification;
   double side_wall_p01_mm = 0.0;
-  tbb::parallel_invoke(
-      [&] { verify_topology(splint, out); },
-      [&] { verify_walls(splint, field, out, &side_wall_p01_mm, &design.thickness_mm); },
-      [&] { verify_fit(splint, preparation, inputs.arch, out); },
-      [&] { verify_contacts(inputs, splint, preparation, design.parameters, out); },
-      [&] { verify_seating(inputs, splint, preparation, out); }, [&] { out.build = best_build(design); },
-      [&] { add_pictures(inputs, splint, preparation, design); },
-      [&] {
-        verify_freedom(splint, preparation, out);
-        // Along the way that must run free.
-        verify_imprint(splint, preparation, design.parameters, inputs.support(), out);
-      },
-      [&] {
-        const auto& fdi = preparation.support_fdi;
-        verify_insertability(splint, preparation, inputs.support(), out);
-        measure_retention(splint, field, inputs.support(), fdi, out.retention);
-        out.bite = read_bite(inputs, preparation);
-        out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
-        for (Aperture& drawn :
-             drawn_apertures(inputs.edits, preparation.design_from_dental, inputs.support(), fdi))
-          out.apertures.push_back(std::move(drawn));
-      });
+  tbb::parallel_invoke([&] { verify_topology(splint, out); },
+                       [&] { verify_walls(splint, field, out, &side_wall_p01_mm, &design.thickness_mm); },
+                       [&] { verify_fit(splint, preparation, inputs.arch, out); },
+                       [&] { verify_contacts(inputs, splint, preparation, design.parameters, out); },
+                       [&] { verify_seating(inputs, splint, preparation, out); },
+                       [&] { out.build = best_build(design, splint); },
+                       [&] { add_pictures(inputs, splint, preparation, design); },
+                       [&] {
+                         verify_freedom(splint, preparation, out);
+                         // Along the way that must run free.
+                         verify_imprint(splint, preparation, design.parameters, inputs.support(), out);
+                       },
+                       [&] {
+                         const auto& fdi = preparation.support_fdi;
+                         verify_insertability(splint, preparation, inputs.support(), out);
+                         measure_retention(splint, field, inputs.support(), fdi, out.retention);
+                         out.bite = read_bite(inputs, preparation);
+                         out.apertures = found_apertures(field, inputs.support(), fdi, inputs.arch);
+                         for (Aperture& drawn : drawn_apertures(inputs.edits, preparation.design_from_dental,
+                                                                inputs.support(), fdi))
+                           out.apertures.push_back(std::move(drawn));
+                       });
   const Rigid3 dental = preparation.design_from_dental.inverse();
   out.thickness.where_mm = dental * out.thickness.where_mm;
   return side_wall_p01_mm;

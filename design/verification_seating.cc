@@ -58,12 +58,13 @@ std::vector<bool> triangles_within(const TriangleMesh& mesh, const Box& box) {
 
 /// Half of the way that the seated splint can be pushed to and fro, the larger of both axes across a.
 double play_mm(const std::vector<TouchPoint>& points, const Vector3& centre) {
+  ElasticFoundation teeth(points, centre);
   double play = 0.0;
   for (const Vector3& axis : {Vector3(Vector3::UnitX()), Vector3(Vector3::UnitY())}) {
     double reach[2];
     for (const int side : {0, 1}) {
       const Vector3 force = (side ? -kSideForceN : kSideForceN) * axis + kKeptSeatedN * Vector3::UnitZ();
-      reach[side] = axis.dot(settled(points, {force, centre}).motion * centre - centre);
+      reach[side] = axis.dot(teeth.under(force).motion * centre - centre);
     }
     play = std::max(play, 0.5 * std::abs(reach[0] - reach[1]));
   }

@@ -19,7 +19,12 @@ class NeighbourGrid {
  public:
   NeighbourGrid(std::vector<Vector3> points_mm, double cell_mm) : points_(std::move(points_mm)), cell_(cell_mm) {
     cells_.reserve(points_.size());
-    for (std::size_t i = 0; i < points_.size(); ++i) cells_[key(cell_of(points_[i]))].push_back(i);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const Index cell = cell_of(points_[i]);
+      low_ = low_.cwiseMin(cell);
+      high_ = high_.cwiseMax(cell);
+      cells_[key(cell)].push_back(i);
+    }
   }
 
   /// Index of the nearest point no farther than radius_mm; of equally near ones the first.
@@ -53,19 +58,31 @@ class NeighbourGrid {
   }
   template <class F>
   void visit_ring(const Index& centre, std::int64_t ring, F&& visit) const {
-    for (std::int64_t x = -ring; x <= ring; ++x)
-      for (std::int64_t y = -ring; y <= ring; ++y) {
-        const bool shell = std::max(std::abs(x), std::abs(y)) == ring;
-        for (std::int64_t z = -ring; z <= ring; z += (shell || ring == 0) ? 1 : 2 * ring) {
-          const auto it = cells_.find(key(centre + Index(x, y, z)));
-          if (it == cells_.end()) continue;
-          for (const std::size_t i : it->second) visit(i);
+    // Only where there are cells at all: points in a plane, or a centre beside them, cost little.
+    const Index from = (centre - Index::Constant(ring)).cwiseMax(low_);
+    const Index to = (centre + Index::Constant(ring)).cwiseMin(high_);
+    for (std::int64_t x = from.x(); x <= to.x(); ++x)
+      for (std::int64_t y = from.y(); y <= to.y(); ++y) {
+        if (std::max(std::abs(x - centre.x()), std::abs(y - centre.y())) == ring) {
+          for (std::int64_t z = from.z(); z <= to.z(); ++z) visit_cell({x, y, z}, visit);
+        } else {
+          if (centre.z() - ring >= from.z()) visit_cell({x, y, centre.z() - ring}, visit);
+          if (centre.z() + ring <= to.z()) visit_cell({x, y, centre.z() + ring}, visit);
         }
       }
+  }
+  template <class F>
+  void visit_cell(const Index& cell, F&& visit) const {
+    const auto it = cells_.find(key(cell));
+    if (it == cells_.end()) return;
+    for (const std::size_t i : it->second) visit(i);
   }
 
   std::vector<Vector3> points_;
   double cell_;
+  // Of the cells that hold points.
+  Index low_ = Index::Constant(std::numeric_limits<std::int64_t>::max());
+  Index high_ = Index::Constant(std::numeric_limits<std::int64_t>::min());
   std::unordered_map<std::uint64_t, std::vector<std::size_t>> cells_;
 };
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/mesh_query.h"
 #include "design/parallel.h"
 #include "design/splint_field.h"
 
@@ -45,7 +44,7 @@ double overhang_share(double cavity, double standing, double elsewhere) {
 namespace {
 
 BuildDirection measured(const SplintSurface& splint, const Vector3& up, double self_supporting_deg,
-                        const MeshQuery* query) {
+                        const PlacedTree* tree) {
   const TriangleMesh& mesh = splint.mesh;
   BuildDirection out;
   out.up = up;
@@ -68,16 +67,34 @@ BuildDirection measured(const SplintSurface& splint, const Vector3& up, double s
     else
       elsewhere.push_back(t);
   }
-  if (!query) return out;
+  if (!tree) return out;
+  const Vector3 down = tree->query_from_mesh.rotation * -up;
   std::vector<double> standing(elsewhere.size(), 0.0);
   parallel_each(elsewhere.size(), [&](std::size_t i) {
     const std::size_t t = elsewhere[i];
     const Vector3 centre = (mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0;
-    const auto below = query->ray(centre, -up, 1e-4);
+    const auto below = tree->query.ray(tree->query_from_mesh * centre, down, 1e-4);
     if (below && is_cavity(splint, below->triangle)) standing[i] = 0.5 * face_normal_scaled(mesh, t).norm();
   });
   for (const double area : standing) out.standing_in_cavity_mm2 += area;
   return out;
+}
+
+/// Of the first in the ranking, the one whose supports cost least.
+BuildDirection best_by_rays(const SplintSurface& splint, const std::vector<Vector3>& directions,
+                            const std::vector<std::pair<double, std::size_t>>& ranked,
+                            double self_supporting_deg, const PlacedTree& tree, double surface) {
+  BuildDirection best;
+  double least = 1e300;
+  for (std::size_t n = 0; n < std::min(kRayed, ranked.size()); ++n) {
+    const BuildDirection one = measured(splint, directions[ranked[n].second], self_supporting_deg, &tree);
+    const double share = overhang_share(one.cavity_overhang_mm2, one.standing_in_cavity_mm2,
+                                        one.overhang_mm2 - one.cavity_overhang_mm2);
+    const bool as_good = std::abs(share - least) < kSame * surface;
+    if (as_good ? one.height_mm < best.height_mm : share < least) best = one;
+    least = std::min(least, share);
+  }
+  return best;
 }
 
 }  // namespace
@@ -86,11 +103,12 @@ BuildDirection overhang_along(const SplintSurface& splint, const Vector3& up, do
                               bool with_rays) {
   if (!with_rays) return measured(splint, up, self_supporting_deg, nullptr);
   const MeshQuery query(splint.mesh);
-  return measured(splint, up, self_supporting_deg, &query);
+  const PlacedTree tree{query, Rigid3::identity()};
+  return measured(splint, up, self_supporting_deg, &tree);
 }
 
 BuildDirection find_build_direction(const SplintSurface& splint, const Vector3& cavity_opens,
-                                    double self_supporting_deg) {
+                                    double self_supporting_deg, const PlacedTree* tree) {
   // By normals first: areas gathered in bins of about 3°, so that thousands of directions cost little.
   const TriangleMesh& mesh = splint.mesh;
   constexpr int kBins = 3000;
@@ -134,18 +152,11 @@ BuildDirection find_build_direction(const SplintSurface& splint, const Vector3& 
     ranked[d] = {overhang_share(cavity, 0.0, other), d};
   });
   std::sort(ranked.begin(), ranked.end());
-  const MeshQuery query(mesh);
-  BuildDirection best;
-  double least = 1e300;
-  for (std::size_t n = 0; n < std::min(kRayed, ranked.size()); ++n) {
-    const BuildDirection one = measured(splint, directions[ranked[n].second], self_supporting_deg, &query);
-    const double share = overhang_share(one.cavity_overhang_mm2, one.standing_in_cavity_mm2,
-                                        one.overhang_mm2 - one.cavity_overhang_mm2);
-    const bool as_good = std::abs(share - least) < kSame * surface;
-    if (as_good ? one.height_mm < best.height_mm : share < least) best = one;
-    least = std::min(least, share);
+  if (!tree) {
+    const MeshQuery query(mesh);
+    const PlacedTree own{query, Rigid3::identity()};
+    return best_by_rays(splint, directions, ranked, self_supporting_deg, own, surface);
   }
-  return best;
+  return best_by_rays(splint, directions, ranked, self_supporting_deg, *tree, surface);
 }
-
 }  // namespace gnathion
