@@ -41,7 +41,9 @@ ApiResult<fs::path> path_in_case(const CaseRoot& root, const fs::path& case_fold
 ApiResult<fs::path> output_in_case(const CaseRoot& root, const fs::path& case_folder,
                                    const std::string& given) {
   const auto known = path_in_case(root, case_folder, given, PathUse::kExisting);
-  if (!known && known.error().code == ApiCode::kPermissionDenied) return known;
+  const bool control =
+      std::any_of(given.begin(), given.end(), [](unsigned char c) { return c < 32 || c == 127; });
+  if (!known && (control || known.error().code == ApiCode::kPermissionDenied)) return known;
   // As far as there are folders, and the first that is not there, as any new path; the rest is names below
   // it.
   fs::path there, missing;

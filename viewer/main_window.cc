@@ -219,6 +219,7 @@ void MainWindow::open(const std::filesystem::path& folder) {
 
 void MainWindow::show_case(std::shared_ptr<const CaseContent> content) {
   if (step_ >= 0 && document_.is_open()) panel_of_[static_cast<std::size_t>(step_)]->leave();
+  bench_->tool_taken(nullptr);
   step_ = -1;  // what another case showed is not this one's
   shown_.clear();
   messages_->hide();

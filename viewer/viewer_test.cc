@@ -450,10 +450,25 @@ TEST_F(ViewerTest, OpensWhatIsThereSaysWhatIsNotAndForgetsNothing) {
   }
   Hands again(folder_);
   EXPECT_LT((again.window.document().state().therapeutic->matrix() - left.matrix()).norm(), 1e-9);
+  // A T_th that was kept as the case's own follows the case's results, which may have changed since.
+  auto kept = read_json(folder_ / "viewer.json");
+  ASSERT_TRUE(kept);
+  (*kept)["therapeutic"]["source"]["from"] = "results/T_th.json";
+  ASSERT_TRUE(write_json(folder_ / "viewer.json", *kept));
+  {
+    Hands h(folder_);
+    const Document& document = h.window.document();
+    ASSERT_TRUE(document.content().therapeutic);
+    EXPECT_EQ(document.state().therapeutic->matrix(), document.content().therapeutic->motion.rigid.matrix());
+    h.window.close();
+  }
+  EXPECT_EQ(*read_json(folder_ / "viewer.json"), *kept) << "written though nothing was decided";
+
   ASSERT_TRUE(write_file(folder_ / "viewer.json", "{\"kind\":"));
   Hands broken(folder_);
   EXPECT_TRUE(broken.find<QLabel>("messageText")->isVisible());
   EXPECT_TRUE(broken.window.document().state().therapeutic.has_value());
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "viewer.json.refused"));
 }
 
 }  // namespace

@@ -75,12 +75,21 @@ class PlanWriter {
  private:
   /// What a job may not replace: the case itself, its identity, what it was given, what others work in.
   static bool keeps_the_case(const fs::path& in_case) {
-    if (may_hold_identity(in_case)) return true;
+    if (may_hold_identity(in_case) || in_case.filename() == "viewer.json") return true;
     for (const fs::path& part : in_case)
       if (part.string().front() == '.') return true;
     for (const char* kept : {"scans", "bodies", "recordings"})
       if (*in_case.begin() == kept) return true;
     return false;
+  }
+  /// Every result in a folder has its JSON; a folder of folders is none. An empty one may go.
+  static bool holds_a_result(const fs::path& folder) {
+    std::error_code ec;
+    const fs::directory_iterator entries(folder, ec);
+    return fs::is_empty(folder, ec) || std::any_of(begin(entries), end(entries), [](const auto& entry) {
+             std::error_code unread;
+             return entry.is_regular_file(unread) && entry.path().extension() == ".json";
+           });
   }
   ApiStatus add_numbers(const JobOption& option, const std::string& value) {
     std::string spaced = value;
@@ -110,6 +119,9 @@ class PlanWriter {
     std::error_code ec;
     if (fs::exists(*path, ec) && !plan_.force)
       return refuse(ApiCode::kAlreadyExists, fmt::format("{} exists; force replaces it", value));
+    if (fs::is_directory(*path, ec) && !holds_a_result(*path))
+      return wrong(*plan_.kind,
+                   fmt::format("'{}' holds no result that could be replaced: choose another", value));
     const fs::path made = plan_.work / option.name;
     plan_.outputs.push_back({made, path->parent_path(), value});
     plan_.arguments.push_back(fmt::format("--{}={}", option.name, (made / path->filename()).string()));

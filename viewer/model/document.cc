@@ -43,11 +43,11 @@ Document::Document() {
 }
 
 Document::~Document() {
-  if (unsaved_) save();
+  save();
 }
 
 void Document::open(std::shared_ptr<const CaseContent> content) {
-  if (unsaved_) save();
+  save();
   content_ = std::move(content);
   undo_.clear();
   state_ = {};
@@ -64,11 +64,16 @@ void Document::open(std::shared_ptr<const CaseContent> content) {
     const Result<nlohmann::json> j = read_json(last);
     Result<SessionState> restored =
         j ? session_from_json(*j, state_) : Result<SessionState>(tl::unexpected<Error>(j.error()));
-    if (restored)
+    if (restored) {
       state_ = std::move(*restored);
-    else
+    } else {
+      // The next save would write over it: whoever wrote it may still read it.
+      std::filesystem::rename(last, content_->folder / "viewer.json.refused", ec);
       trouble = QString::fromStdString(restored.error().line());
+      if (!ec) trouble += " (kept as viewer.json.refused)";
+    }
   }
+  take_measured();
   layers_.clear();
   opened();
   state_changed();
@@ -77,14 +82,17 @@ void Document::open(std::shared_ptr<const CaseContent> content) {
 
 void Document::refresh(std::shared_ptr<const CaseContent> content) {
   content_ = std::move(content);
-  const bool measured = !state_.therapeutic || state_.therapeutic_source == kMeasured;
-  if (measured && content_->therapeutic) {
-    state_.therapeutic = content_->therapeutic->motion.rigid;
-    state_.therapeutic_source = kMeasured;
-  }
+  if (!state_.therapeutic) state_.therapeutic_source = kMeasured;
+  take_measured();
   layers_.clear();
   opened();
   state_changed();
+}
+
+/// A T_th that is the case's own follows its results: a run may have changed them since the state was kept.
+void Document::take_measured() {
+  if (state_.therapeutic_source != kMeasured || !content_ || !content_->therapeutic) return;
+  state_.therapeutic = content_->therapeutic->motion.rigid;
 }
 
 void Document::change(const QString& text, const std::function<void(SessionState&)>& mutate, int merge) {
@@ -95,6 +103,7 @@ void Document::change(const QString& text, const std::function<void(SessionState
 
 void Document::apply(const SessionState& state) {
   state_ = state;
+  take_measured();
   unsaved_ = true;
   autosave_.start();
   state_changed();
@@ -102,12 +111,12 @@ void Document::apply(const SessionState& state) {
 
 void Document::save() {
   autosave_.stop();
-  if (!content_) return;
-  unsaved_ = false;
+  if (!content_ || !unsaved_) return;
   std::error_code ec;
   if (!std::filesystem::is_directory(content_->folder, ec)) return;
-  if (const Status written = write_json(content_->folder / "viewer.json", session_json(state_)); !written)
-    report(QString::fromStdString(written.error().line()));
+  const Status written = write_json(content_->folder / "viewer.json", session_json(state_));
+  if (!written) return report(QString::fromStdString(written.error().line()));
+  unsaved_ = false;
 }
 
 }  // namespace gnathion

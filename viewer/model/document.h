@@ -37,7 +37,7 @@ class Document {
   /// until end_merge().
   void change(const QString& text, const std::function<void(SessionState&)>& mutate, int merge = -1);
   void end_merge() { ++merge_generation_; }
-  /// Writes CASE/viewer.json now. Errors go to `error`.
+  /// Writes CASE/viewer.json now, if anything was decided since. Errors go to `error`.
   void save();
   /// Shows an error in the window's bar; never a dialog.
   void report(const QString& line) { error(line); }
@@ -48,6 +48,7 @@ class Document {
  private:
   class ChangeCommand;
   void apply(const SessionState& state);
+  void take_measured();
 
   std::shared_ptr<const CaseContent> content_;
   SessionState state_;

@@ -38,6 +38,13 @@ void DaemonRow::submit(const DaemonTask& task) {
 void DaemonRow::take(const DaemonTask& task, const client::Job& job, const std::filesystem::path& output) {
   const QString name = QString("jobs/") + QString::fromStdString(output.filename().string());
   const auto failed = [&](const Error& e) { bench_.document.report(QString::fromStdString(e.line())); };
+  const bool gate = job.state == client::JobState::kGateFailed;
+  if (gate && (task.after == JobAfter::kReadCase || !std::filesystem::exists(output))) {
+    bench_.document.report(QString("The daemon's %1: %2")
+                               .arg(QString::fromStdString(job.kind), QString::fromStdString(job.message)));
+    if (task.after == JobAfter::kReadCase) bench_.reload();
+    return;
+  }
   if (task.after == JobAfter::kReadCase) {
     bench_.document.notice(
         QString("The daemon's %1 is done; its results are shown.").arg(QString::fromStdString(job.kind)));

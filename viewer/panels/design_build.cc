@@ -48,18 +48,18 @@ void DesignPanel::preview() {
   auto trouble = std::make_shared<std::string>();
   auto timer = std::make_shared<QElapsedTimer>();
   timer->start();
+  const auto content = document().shared_content();
   bench_.jobs.run_latest(
       "preview",
-      [previewer = previewer_, content = document().shared_content(), state = document().state(), made,
-       trouble](JobContext&) {
+      [previewer = previewer_, content, state = document().state(), made, trouble](JobContext&) {
         auto preview = previewer->build(inputs_of(*content, state), state.parameters);
         if (preview)
           *made = std::make_shared<const TriangleMesh>(std::move(preview->splint));
         else
           *trouble = preview.error().why;
       },
-      [this, made, trouble, timer] {
-        if (!preview_->isChecked()) return;
+      [this, made, trouble, timer, content] {
+        if (!preview_->isChecked() || document().shared_content() != content) return;
         if (!*made) return preview_note_->setText(QString::fromStdString(*trouble));
         Layer layer;
         layer.id = "preview";
