@@ -4,6 +4,7 @@
 #include <QComboBox>
 #include <QDoubleSpinBox>
 #include <QHeaderView>
+#include <QLineEdit>
 #include <QListWidget>
 #include <QPushButton>
 #include <QStatusBar>
@@ -292,6 +293,49 @@ TEST_F(ViewerTest, RegistrationsShowResidualsWeakDirectionAndTheGraph) {
   }
   fs::remove(folder_ / "results" / "chain.json");
   ASSERT_TRUE(write_file(toml, kCase));
+}
+
+TEST_F(ViewerTest, ScansAreEvaluatedHereAndEachChartIsSeen) {
+  // A surface that fits onto itself in one way only, as its plan and as its scan: what is measured is
+  // nothing.
+  fs::copy_file(folder_ / "results" / "splint.stl", folder_ / "bar.stl");
+  ASSERT_TRUE(write_mesh(folder_ / "results" / "splint.stl", *read_mesh(folder_ / "scans" / "mandible.ply")));
+  Hands h(folder_);
+  h.step(5);
+  h.type(h.find<QLineEdit>("scanSplint"), (folder_ / "results" / "splint.stl").c_str());
+  h.type(h.find<QLineEdit>("scanMaxilla"), (folder_ / "scans" / "maxilla.ply").c_str());
+  h.click("evaluateScans");
+  auto* charts = h.find<QComboBox>("chartBox");
+  auto* message = h.find<QLabel>("messageText");
+  ASSERT_TRUE(h.wait([&] { return charts->count() > 0 || message->isVisible(); }));
+  ASSERT_GT(charts->count(), 0) << message->text().toStdString();
+  auto* procedures = h.find<QTableWidget>("procedureTable");
+  ASSERT_GT(procedures->rowCount(), 0);
+  for (int row = 0; row < procedures->rowCount(); ++row) {
+    EXPECT_LT(std::abs(number_in(procedures->item(row, 1)->text().replace(QChar(0x2212), '-'))), 0.01);
+    QTest::mouseClick(procedures->viewport(), Qt::LeftButton, {},
+                      procedures->visualItemRect(procedures->item(row, 0)).center());
+    const QString facts = h.find<QLabel>("procedureFacts")->text();
+    EXPECT_TRUE(facts.contains(procedures->item(row, 0)->text())) << facts.toStdString();
+  }
+  // Down the list by the keyboard: every chart is another picture, and none is empty.
+  auto* chart = h.find<ChartView>("evaluationChart");
+  charts->setFocus();
+  QStringList names;
+  QImage last;
+  for (int i = 0; i < charts->count(); ++i) {
+    if (i > 0) QTest::keyClick(charts, Qt::Key_Down);
+    ASSERT_EQ(charts->currentIndex(), i);
+    names << charts->currentText().toLower();
+    EXPECT_TRUE(chart->has_drawing());
+    const QImage image = chart->grab().toImage().convertToFormat(QImage::Format_RGB32);
+    EXPECT_NE(image, last) << names.back().toStdString();
+    last = image;
+    keep(h, ("chart_" + std::to_string(i)).c_str());
+  }
+  for (const char* wanted : {"error", "radar", "histogram", "profile"})
+    EXPECT_FALSE(names.filter(wanted).empty()) << wanted << " in " << names.join(", ").toStdString();
+  fs::rename(folder_ / "bar.stl", folder_ / "results" / "splint.stl");
 }
 
 TEST_F(ViewerTest, NamedViewsScreenshotsAndKeys) {
