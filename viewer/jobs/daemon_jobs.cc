@@ -127,6 +127,7 @@ void DaemonJobs::submit(client::JobRequest request, std::function<void(const cli
   }
   request.case_id = document_.content().title;
   auto made = std::make_shared<Result<client::Job>>(tl::unexpected<Error>(Error{}));
+  on_their_way_.insert(request.kind);
   // A slot of its own for each: none may push another out.
   static int number = 0;
   runner_.run_latest(
@@ -134,6 +135,7 @@ void DaemonJobs::submit(client::JobRequest request, std::function<void(const cli
       [client = client_, request, made](JobContext&) { *made = client->submit(request); },
       [this, made, refused, ended, folder = folder_] {
         ++asked_;
+        on_their_way_.erase(on_their_way_.find(refused.kind));
         if (!*made) {
           document_.report(QString::fromStdString(made->error().line()));
           return ended(refused);
@@ -161,6 +163,7 @@ void DaemonJobs::cancel(const std::string& id) {
 }
 
 bool DaemonJobs::running(const std::string& kind) const {
+  if (on_their_way_.count(kind) > 0) return true;
   return std::any_of(waiting_.begin(), waiting_.end(),
                      [&](const auto& entry) { return entry.second.kind == kind; });
 }

@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -54,7 +55,8 @@ class DaemonJobs {
   std::filesystem::path folder_;  ///< whose jobs these are
   int asked_ = 0;                 ///< lists that were asked for before the newest submission are too old
   std::vector<client::Job> jobs_;
-  std::map<std::string, Waiting> waiting_;  ///< by id
+  std::multiset<std::string> on_their_way_;  ///< kinds submitted that the daemon has not answered yet
+  std::map<std::string, Waiting> waiting_;   ///< by id
   QTimer timer_;
 };
 

@@ -26,6 +26,10 @@ DaemonRow::DaemonRow(Workbench& bench, Step step) : bench_(bench) {
 void DaemonRow::submit(const DaemonTask& task) {
   const auto request = task.request(bench_.document.content(), bench_.document.state());
   if (!request) return bench_.document.report(QString::fromStdString(request.error().line()));
+  // Two would be given the same name for what they write.
+  if (bench_.daemon.running(request->kind))
+    return bench_.document.report(QString("The daemon's %1 runs already: wait for it, or cancel it.")
+                                      .arg(QString::fromStdString(request->kind)));
   const auto folder = bench_.document.content().folder;
   bench_.daemon.submit(
       *request, [this, &task, folder, output = folder / output_of(*request)](const client::Job& job) {
