@@ -166,7 +166,7 @@ Case plain(const v1::CaseInfo& from) {
   to.kind = from.kind();
   to.problem = from.problem();
   for (const v1::CaseFileInfo& file : from.file())
-    to.files.push_back({file.path(), file.role(), file.sha256(), file.bytes()});
+    to.files.push_back({file.path(), file.role(), file.sha256(), file.bytes(), file.modified_ns()});
   return to;
 }
 

@@ -137,6 +137,7 @@ struct JobKind {
 struct CaseFile {
   std::string path, role, sha256;
   std::uint64_t bytes = 0;
+  std::int64_t modified_ns = 0;  ///< since 1970
 };
 struct Case {
   std::string id, kind, problem;

@@ -105,6 +105,16 @@ TEST(ViewerLive, JobsOfTheDaemonAreFollowedCancelledAndOpened) {
   };
   ASSERT_TRUE(wait([&] { return build->text().contains("daemon"); }))
       << "the case is not known as the daemon's";
+  // A copy under the same name is another case: the daemon's jobs would run in the other folder.
+  const fs::path copy = folder.path() / "copies" / "case-live";
+  fs::create_directories(copy.parent_path());
+  fs::copy(home, copy, fs::copy_options::recursive);
+  window.open(copy);
+  ASSERT_TRUE(wait([&] { return !window.loading() && window.document().content().folder == copy; }));
+  QTest::qWait(1500);
+  EXPECT_FALSE(build->text().contains("daemon")) << "a copy is taken for the daemon's case";
+  window.open(home);
+  ASSERT_TRUE(wait([&] { return !window.loading() && build->text().contains("daemon"); }));
   QTest::mouseClick(tabs, Qt::LeftButton, {}, tabs->tabRect(4).center());
 
   click(build);

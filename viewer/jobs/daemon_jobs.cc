@@ -1,5 +1,7 @@
 #include "viewer/jobs/daemon_jobs.h"
 
+#include <sys/stat.h>
+
 #include <algorithm>
 
 namespace gnathion {
@@ -8,14 +10,18 @@ namespace {
 namespace fs = std::filesystem;
 constexpr int kFollowMs = 300, kIdleMs = 3000;
 
-/// What it was given is the folder's, size by size. What grows or comes proves nothing: recordings, results.
+/// What it was given is the folder's: size by size, and written at the same moment, as a copy's is not. What
+/// grows or comes proves nothing: recordings, results.
 bool same_folder(const client::Case& listed, const fs::path& folder) {
   bool any = false;
   for (const client::CaseFile& file : listed.files) {
     if (file.role.empty() || file.role == "result" || file.role == "calibration") continue;
     if (file.role.find("recording") != std::string::npos) continue;
-    std::error_code ec;
-    if (fs::file_size(folder / file.path, ec) != file.bytes || ec) return false;
+    struct stat here {};
+    if (::stat((folder / file.path).c_str(), &here) != 0) return false;
+    const std::int64_t modified_ns = here.st_mtim.tv_sec * std::int64_t{1'000'000'000} + here.st_mtim.tv_nsec;
+    if (static_cast<std::uint64_t>(here.st_size) != file.bytes || modified_ns != file.modified_ns)
+      return false;
     any = true;
   }
   return any;
