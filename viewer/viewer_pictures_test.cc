@@ -10,6 +10,7 @@ namespace gnathion {
 namespace {
 
 constexpr int kSmaller = 4;        ///< kept pictures are that much smaller: edges of other drivers differ
+const QSize kScene(616, 560);
 constexpr int kColour = 20;        ///< of 255, the channel that differs most
 constexpr double kPixels = 0.004;  ///< of the picture may differ by more
 
@@ -32,6 +33,8 @@ double differing(const QImage& a, const QImage& b) {
 }
 
 void compare(Hands& h, const char* name) {
+  // What the scene shows is compared, not how much room fonts leave it.
+  h.window.scene().widget()->setFixedSize(kScene);
   const QString path = QString("viewer/reference/%1.png").arg(name);
   const QImage seen = small(h.picture());
   if (std::getenv("GNATHION_REFERENCES")) {

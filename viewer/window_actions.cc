@@ -237,7 +237,9 @@ void MainWindow::show_shortcuts() {
 }
 
 QString window_style() {
+  // The family by name: what else is installed must not move a line or cut a label.
   return R"(
+    QWidget { font-family: "DejaVu Sans"; }
     QToolBar { background: #f4f6f9; border-bottom: 1px solid #d5dae2; spacing: 1px; padding: 2px 6px; }
     QToolBar QToolButton { padding: 3px 6px; border-radius: 4px; }
     QToolBar QToolButton:hover { background: #e2e9f2; }

@@ -1,13 +1,14 @@
 #include "viewer/panels/condyle_films.h"
 
 #include <QHBoxLayout>
+#include <QResizeEvent>
 
 #include "viewer/widgets/parts.h"
 
 namespace gnathion {
 namespace {
 
-constexpr int kNoteHeight = 34, kFilmsHeight = 212;
+constexpr int kMargin = 4, kFilmsHeight = 212;
 
 QString millimetres(double mm) {
   return QString::number(mm, 'f', 2).replace('-', QChar(0x2212)) + " mm";
@@ -18,7 +19,7 @@ QString millimetres(double mm) {
 CondyleFilms::CondyleFilms(JobRunner& jobs) : jobs_(jobs) {
   setObjectName("condyleFilms");
   auto* column = new QVBoxLayout(this);
-  column->setContentsMargins(8, 4, 8, 4);
+  column->setContentsMargins(2 * kMargin, kMargin, 2 * kMargin, kMargin);
   column->setSpacing(3);
   column->addWidget(note_ = new QLabel);
   note_->setObjectName("jointsNote");
@@ -44,8 +45,25 @@ void CondyleFilms::show_note(const QString& note) {
   note_->show();
   spaces_->hide();
   row_->hide();
-  setFixedHeight(kNoteHeight);
-  if (height_changed) height_changed();
+  fit_height();
+}
+
+/// Films have a height of their own; a note alone has what its lines need in this width and font.
+void CondyleFilms::fit_height() {
+  const int before = height();
+  int wanted = kFilmsHeight;
+  if (!joints_ || views_.empty()) {
+    wanted = kMargin;
+    for (const QLabel* label : {note_, spaces_})
+      if (!label->isHidden()) wanted += label->heightForWidth(width() - 4 * kMargin) + kMargin;
+  }
+  setFixedHeight(wanted);
+  if (wanted != before && height_changed) height_changed();
+}
+
+void CondyleFilms::resizeEvent(QResizeEvent* event) {
+  QWidget::resizeEvent(event);
+  if (event->size().width() != event->oldSize().width()) fit_height();
 }
 
 void CondyleFilms::show_joints(std::shared_ptr<const PatientJoints> joints) {
@@ -67,8 +85,7 @@ void CondyleFilms::show_joints(std::shared_ptr<const PatientJoints> joints) {
   note_->setVisible(!notes.isEmpty());
   row_->setVisible(!views_.empty());
   spaces_->show();
-  setFixedHeight(views_.empty() ? 2 * kNoteHeight : kFilmsHeight);
-  if (height_changed) height_changed();
+  fit_height();
 }
 
 void CondyleFilms::follow(const Motion<Dental>& from_mi) {

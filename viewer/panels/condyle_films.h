@@ -23,7 +23,11 @@ class CondyleFilms : public QWidget {
   void show_spaces(const std::vector<JointReport>& reports);
   std::function<void()> height_changed;
 
+ protected:
+  void resizeEvent(QResizeEvent* event) override;
+
  private:
+  void fit_height();
   JobRunner& jobs_;
   std::shared_ptr<const PatientJoints> joints_;
   QLabel *note_, *spaces_;
