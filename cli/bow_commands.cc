@@ -17,7 +17,7 @@ namespace {
 
 using nlohmann::json;
 
-std::string text_of(const json& j) {
+std::string bow_text(const json& j) {
   return j.dump(2, ' ', false, json::error_handler_t::replace);
 }
 
@@ -56,7 +56,7 @@ Result<CommandOutput> calibrate_bow(const CalibrateOptions& o, const CommonOptio
     GNATHION_CHECK_OK(write_body(o.bow_out, g.body,
                                  fmt::format("Calibrated from a film: {} tags, {:.4f} mm, scale {:.2f} %.",
                                              g.tags.size(), g.shape_sigma_mm, 100 * g.scale_sigma)));
-  return CommandOutput{bow_geometry_text(g), text_of(j), false};
+  return CommandOutput{bow_geometry_text(g), bow_text(j), false};
 }
 
 }  // namespace
@@ -109,7 +109,7 @@ Result<CommandOutput> print_bow(const PrintOptions& o, const CommonOptions& comm
   for (const Gate& g : design.gates)
     if (!g.pass) text += fmt::format("  {} is {:.3f}, limit {:.3f}\n", g.name, g.value, g.limit);
   for (const std::string& w : design.warnings) text += "warning: " + w + "\n";
-  return CommandOutput{text, text_of(bow_design_json(design, parameters)), design.verdict != "pass"};
+  return CommandOutput{text, bow_text(bow_design_json(design, parameters)), design.verdict != "pass"};
 }
 
 }  // namespace

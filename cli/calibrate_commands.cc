@@ -21,7 +21,7 @@ constexpr const char* kBoardHelp =
     "(squares) or "
     "aprilgrid:COLUMNSxROWS:TAG_MM:GAP (tags; gap over tag side)";
 
-std::string text_of(const json& j) {
+std::string calibration_text(const json& j) {
   return j.dump(2, ' ', false, json::error_handler_t::replace);
 }
 
@@ -84,7 +84,7 @@ Result<CommandOutput> calibrate(const CameraOptions& o, std::vector<CalibrationC
   GNATHION_CHECK_OK(write_file(files.png, png));
   GNATHION_CHECK_OK(write_file(files.toml, calibration_rig_toml(job, result)));
   GNATHION_CHECK_OK(write_json(files.json, j));
-  return CommandOutput{camera_calibration_text(result), text_of(j), false};
+  return CommandOutput{camera_calibration_text(result), calibration_text(j), false};
 }
 
 tl::unexpected<Error> usage(const std::string& where, const std::string& why) {
@@ -176,7 +176,7 @@ void add_calibrate_time(CLI::App& group, ChosenCommand& chosen) {
                    GNATHION_TRY(const TimeCalibrationResult r, run_time_calibration(o->job, progress));
                    const json j = time_calibration_json(o->job, r);
                    GNATHION_CHECK_OK(write_json(o->out, j));
-                   return CommandOutput{time_calibration_text(o->job, r), text_of(j), false};
+                   return CommandOutput{time_calibration_text(o->job, r), calibration_text(j), false};
                  });
 }
 
@@ -197,7 +197,7 @@ void add_shift_command(CLI::App& recording, ChosenCommand& chosen) {
         GNATHION_CHECK_OK(may_write(o->out, common, {o->recording, o->time}));
         GNATHION_TRY(const std::size_t moved, shift_recording({o->recording, o->time, o->out}, progress));
         return CommandOutput{fmt::format("{} samples moved\n", moved),
-                             text_of({{"moved", moved}, {"out", o->out}}), false};
+                             calibration_text({{"moved", moved}, {"out", o->out}}), false};
       });
 }
 

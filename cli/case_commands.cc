@@ -114,7 +114,7 @@ void add_add(CLI::App& group, ChosenCommand& chosen) {
   });
 }
 
-void add_info(CLI::App& group, ChosenCommand& chosen) {
+void add_case_info(CLI::App& group, ChosenCommand& chosen) {
   auto folder = std::make_shared<std::string>();
   CLI::App* command = group.add_subcommand("info", "what is in a case; not who the patient is");
   command->add_option("CASE", *folder, "case folder")->required();
@@ -292,7 +292,7 @@ void add_case_commands(CLI::App& app, ChosenCommand& chosen) {
   group->require_subcommand(1);
   add_create(*group, chosen);
   add_add(*group, chosen);
-  add_info(*group, chosen);
+  add_case_info(*group, chosen);
   add_list(*group, chosen);
   add_provenance(*group, chosen);
   add_import(*group, chosen);

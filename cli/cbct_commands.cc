@@ -18,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-std::string text_of(const json& j) {
+std::string cbct_text(const json& j) {
   return j.dump(2, ' ', false, json::error_handler_t::replace);
 }
 
@@ -61,7 +61,7 @@ std::string told(const CbctRegistration& r, const char* what) {
   return out;
 }
 
-void add_info(CLI::App& cbct, ChosenCommand& chosen) {
+void add_cbct_info(CLI::App& cbct, ChosenCommand& chosen) {
   struct Options {
     std::string path;
     bool with_names = false;
@@ -80,7 +80,7 @@ void add_info(CLI::App& cbct, ChosenCommand& chosen) {
           j["volumes"].push_back(volume_info_json(found[i], o->with_names));
           text += told(found[i], i, o->with_names);
         }
-        return CommandOutput{text, text_of(j), false};
+        return CommandOutput{text, cbct_text(j), false};
       },
       false);
 }
@@ -128,7 +128,7 @@ Result<CommandOutput> register_volume(const RegisterOptions& o, const CommonOpti
     text += told(skin, "face scan");
   }
   GNATHION_CHECK_OK(write_json(o.out, j));
-  return CommandOutput{text, text_of(all), false};
+  return CommandOutput{text, cbct_text(all), false};
 }
 
 void add_register(CLI::App& cbct, ChosenCommand& chosen) {
@@ -186,7 +186,7 @@ Result<CommandOutput> write_surface(const SurfaceOptions& o, const CommonOptions
                   {"warnings", file.info.warnings}};
   return CommandOutput{fmt::format("{} at {:.0f}: {} triangles\n", o.kind, level, mesh.triangles.size()) +
                            told(file.info.warnings),
-                       text_of(j), false};
+                       cbct_text(j), false};
 }
 
 void add_surface(CLI::App& cbct, ChosenCommand& chosen) {
@@ -240,7 +240,7 @@ Result<CommandOutput> find_joints(const JointOptions& o, const CommonOptions& co
   GNATHION_TRY(const Joints joints, joints_from_cbct(o.volume.cbct, maxilla, mandible, options, progress));
   GNATHION_CHECK_OK(write_joints(joints, folder.path()));
   GNATHION_CHECK_OK(folder.commit());
-  return CommandOutput{told(joints), text_of(joints_json(joints)), false};
+  return CommandOutput{told(joints), cbct_text(joints_json(joints)), false};
 }
 
 void add_joints(CLI::App& cbct, ChosenCommand& chosen) {
@@ -271,7 +271,7 @@ void add_cbct_commands(CLI::App& app, ChosenCommand& chosen) {
   CLI::App* cbct = app.add_subcommand(
       "cbct", "volumes of the head: series, registration, surfaces, joints (docs/cbct.md)");
   cbct->require_subcommand(1);
-  add_info(*cbct, chosen);
+  add_cbct_info(*cbct, chosen);
   add_register(*cbct, chosen);
   add_surface(*cbct, chosen);
   add_joints(*cbct, chosen);

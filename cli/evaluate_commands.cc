@@ -13,7 +13,7 @@
 namespace gnathion {
 namespace {
 
-struct Options {
+struct EvaluateOptions {
   EvaluateJob flags;
   EvaluateSplint splint;
   std::string config, out, name, pose = "mi", region = "auto";
@@ -31,7 +31,7 @@ void add_limit(CLI::App& command, const char* name, std::optional<double>& limit
       ->check(CLI::PositiveNumber);
 }
 
-void add_options(CLI::App& command, Options& o) {
+void add_options(CLI::App& command, EvaluateOptions& o) {
   EvaluateSplint& s = o.splint;
   EvaluationTolerance& t = o.flags.tolerance;
   command.add_option("--config", o.config, "evaluation.toml: several splints and all parameters");
@@ -75,7 +75,7 @@ tl::unexpected<Error> usage(const std::string& why) {
 }
 
 /// The job that the options ask for: a file, rows, or one splint.
-Result<EvaluateJob> job_of(const Options& o) {
+Result<EvaluateJob> job_of(const EvaluateOptions& o) {
   const int ways = !o.config.empty() + !o.flags.rows.empty() + !o.splint.design.empty();
   if (ways != 1) return usage("give one of --config, --design, --rows");
   if (o.out.empty()) return usage("give --out");
@@ -138,7 +138,7 @@ std::string summary(const EvaluationOutcome& outcome, const std::string& where) 
 }  // namespace
 
 void add_evaluate_commands(CLI::App& app, ChosenCommand& chosen) {
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<EvaluateOptions>();
   CLI::App* command = app.add_subcommand(
       "evaluate", "printed against planned: the six procedures (exit 3: a given limit is passed)");
   add_options(*command, *o);

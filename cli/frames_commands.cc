@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-std::string text_of(const json& j) {
+std::string frames_text(const json& j) {
   return j.dump(2, ' ', false, json::error_handler_t::replace);
 }
 
@@ -41,12 +41,12 @@ void add_frames_commands(CLI::App& app, ChosenCommand& chosen) {
           GNATHION_TRY(const FramePath path, graph.path(o->to, o->from));
           const json j = path_json(graph, path);
           if (!o->out.empty()) GNATHION_CHECK_OK(write_json(o->out, j));
-          return CommandOutput{path_text(graph, path), text_of(j), false};
+          return CommandOutput{path_text(graph, path), frames_text(j), false};
         }
         const std::vector<FrameLoop> loops = graph.loops();
         const bool open =
             std::any_of(loops.begin(), loops.end(), [](const FrameLoop& l) { return !l.consistent(); });
-        return CommandOutput{frames_text(graph), text_of(frames_json(graph)), open};
+        return CommandOutput{frames_text(graph), frames_text(frames_json(graph)), open};
       });
 }
 

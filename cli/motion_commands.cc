@@ -52,7 +52,7 @@ Result<JawSegment> segment_of(const std::string& text) {
   return s;
 }
 
-std::string text_of(const json& j) {
+std::string motion_text(const json& j) {
   return j.dump(2, ' ', false, json::error_handler_t::replace);
 }
 
@@ -138,7 +138,7 @@ Status write_tracked(const TrackOptionsOfCommand& o, const Tracked& t) {
   GNATHION_TRY(const std::string setup_text, read_file(setup));
   std::map<std::string, std::string> attached = {
       {o.electromagnetic.empty() ? "rig.toml" : "electromagnetic.toml", setup_text}};
-  if (t.smoothed) attached["smoothing.json"] = text_of(track_json(t)["smoothing"]) + '\n';
+  if (t.smoothed) attached["smoothing.json"] = motion_text(track_json(t)["smoothing"]) + '\n';
   GNATHION_CHECK_OK(
       write_poses(o.out, to_pose_recording(t.session, t.smoothed ? &*t.smoothed : nullptr), attached));
   std::optional<Transform<HeadFrame, Bow>> mi;
@@ -178,7 +178,7 @@ void add_track(CLI::App& app, ChosenCommand& chosen) {
         GNATHION_TRY(const Tracked t, track(*o, progress));
         GNATHION_CHECK_OK(write_tracked(*o, t));
         const json j = track_json(t);
-        return CommandOutput{track_text(t, j), text_of(j), false};
+        return CommandOutput{track_text(t, j), motion_text(j), false};
       });
 }
 
@@ -232,7 +232,7 @@ void add_analyse(CLI::App& motion, ChosenCommand& chosen) {
         GNATHION_TRY(const MotionAnalysis m, analyse_motion(job, progress));
         GNATHION_CHECK_OK(write_motion_analysis(m, job, staged.path()));
         GNATHION_CHECK_OK(staged.commit());
-        return CommandOutput{motion_analysis_text(m), text_of(motion_analysis_json(m)), false};
+        return CommandOutput{motion_analysis_text(m), motion_text(motion_analysis_json(m)), false};
       });
 }
 
@@ -274,7 +274,7 @@ void add_calibrate_sensor_command(CLI::App& calibrate, ChosenCommand& chosen) {
         std::string text = fmt::format("{} used, residual {:.3f} mm, {:.3f} deg, held out {:.3f} mm\n",
                                        c.used, c.rms_mm, c.rms_deg, c.held_out_mm);
         for (const std::string& weak : c.weak) text += weak + '\n';
-        return CommandOutput{text, text_of(j), false};
+        return CommandOutput{text, motion_text(j), false};
       });
 }
 

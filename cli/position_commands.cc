@@ -11,7 +11,7 @@ namespace {
 
 using nlohmann::json;
 
-std::string text_of(const json& j) {
+std::string position_text(const json& j) {
   return j.dump(2, ' ', false, json::error_handler_t::replace);
 }
 
@@ -42,7 +42,7 @@ void add_discrepancy(CLI::App& evaluate, ChosenCommand& chosen) {
                    GNATHION_TRY(const Discrepancy d, run_discrepancy(o->job));
                    const json j = discrepancy_json(d);
                    GNATHION_CHECK_OK(write_json(o->out, j));
-                   return CommandOutput{discrepancy_text(d), text_of(j), false};
+                   return CommandOutput{discrepancy_text(d), position_text(j), false};
                  });
 }
 
@@ -66,7 +66,7 @@ void add_registration_object(CLI::App& evaluate, ChosenCommand& chosen) {
                    GNATHION_TRY(const InstrumentLink link, run_registration_object(o->positions));
                    const json j = instrument_link_json(link);
                    GNATHION_CHECK_OK(write_json(o->out, j));
-                   return CommandOutput{instrument_link_text(link), text_of(j), false};
+                   return CommandOutput{instrument_link_text(link), position_text(j), false};
                  });
 }
 

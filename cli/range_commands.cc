@@ -109,8 +109,7 @@ void add_range_commands(CLI::App& app, ChosenCommand& chosen) {
         }
         GNATHION_TRY(StagedDirectory staged, StagedDirectory::create(o->out, common.force, {"range.json"}));
         GNATHION_TRY(const Patient patient, read_patient(o->files, {}, progress));
-        GNATHION_TRY(const RangeOutcome outcome,
-                     run_range(patient, options, therapeutic, held, progress));
+        GNATHION_TRY(const RangeOutcome outcome, run_range(patient, options, therapeutic, held, progress));
         const nlohmann::json j = range_json(outcome);
         GNATHION_CHECK_OK(write_json(staged.path() / "range.json", j));
         GNATHION_CHECK_OK(draw_range(outcome, staged.path() / "range.png"));

@@ -55,7 +55,7 @@ std::string summary_text(const RecordingSummary& s) {
   return text;
 }
 
-void add_info(CLI::App& recording, ChosenCommand& chosen) {
+void add_recording_info(CLI::App& recording, ChosenCommand& chosen) {
   auto file = std::make_shared<std::string>();
   for (const bool verify : {false, true}) {
     CLI::App* command = recording.add_subcommand(
@@ -118,7 +118,7 @@ void add_recover(CLI::App& recording, ChosenCommand& chosen) {
 void add_recording_commands(CLI::App& app, ChosenCommand& chosen) {
   CLI::App* recording = app.add_subcommand("recording", "make recordings and look into them");
   recording->require_subcommand(1);
-  add_info(*recording, chosen);
+  add_recording_info(*recording, chosen);
   add_recover(*recording, chosen);
   add_capture(*recording, chosen);
   add_exchange_commands(*recording, chosen);

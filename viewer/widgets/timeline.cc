@@ -13,7 +13,7 @@ namespace gnathion {
 namespace {
 
 constexpr int kLeft = 46, kRight = 12, kTop = 20, kBottom = 32, kRestBar = 8;
-const QColor kInk(28, 36, 48), kTick(96, 103, 116), kCurve(0, 92, 150), kRest(120, 94, 170);
+const QColor kHandInk(28, 36, 48), kScaleInk(96, 103, 116), kCurve(0, 92, 150), kRest(120, 94, 170);
 
 }  // namespace
 
@@ -126,11 +126,11 @@ void Timeline::draw_axis(QPainter& painter) const {
   for (double t = std::ceil(view_start_s_ / step) * step; t <= view_end_s_ + 1e-9; t += step) {
     painter.setPen(QColor(226, 229, 234));
     painter.drawLine(QPointF(x_of(t), kTop), QPointF(x_of(t), kTop + h));
-    painter.setPen(kTick);
+    painter.setPen(kScaleInk);
     const QString text = QString::number(t, 'f', step < 1 ? 1 : 0) + " s";
     painter.drawText(QRectF(x_of(t) - 30, height() - 16, 60, 14), Qt::AlignCenter, text);
   }
-  painter.setPen(kTick);
+  painter.setPen(kScaleInk);
   const int every = high_mm_ - low_mm_ > 25 ? 10 : high_mm_ - low_mm_ > 12 ? 5 : 2;
   for (int mm = 0; mm <= high_mm_; mm += every) {
     const double y = kTop + h * (mm - low_mm_) / (high_mm_ - low_mm_);
@@ -170,7 +170,7 @@ void Timeline::paintEvent(QPaintEvent*) {
   QPainter painter(this);
   painter.fillRect(rect(), Qt::white);
   if (samples_.empty()) {
-    painter.setPen(kTick);
+    painter.setPen(kScaleInk);
     painter.drawText(rect().adjusted(12, 0, -12, 0), Qt::AlignCenter | Qt::TextWordWrap,
                      "No motion in this case yet: record one in Capture, or run the case.");
     return;
@@ -187,9 +187,9 @@ void Timeline::paintEvent(QPaintEvent*) {
     painter.setBrush(QColor(230, 159, 0, 50));
     painter.drawRect(box);
   }
-  painter.setPen(QPen(kInk, 2));
+  painter.setPen(QPen(kHandInk, 2));
   painter.drawLine(QPointF(x_of(time_s_), kTop - 4), QPointF(x_of(time_s_), kTop + h));
-  painter.setBrush(kInk);
+  painter.setBrush(kHandInk);
   painter.drawPolygon(QPolygonF({QPointF(x_of(time_s_) - 6, kTop - 10), QPointF(x_of(time_s_) + 6, kTop - 10),
                                  QPointF(x_of(time_s_), kTop - 1)}));
 }
