@@ -1,8 +1,12 @@
 #include "viewer/scene/prepared_surface.h"
 
 #include <vtkNew.h>
+#include <vtkDataArray.h>
 #include <vtkPointData.h>
+#include <vtkPoints.h>
 #include <vtkUnsignedCharArray.h>
+
+#include <array>
 
 #include "rendering/level_of_detail.h"
 #include "rendering/vtk_mesh.h"
@@ -16,6 +20,14 @@ std::shared_ptr<PreparedSurface> prepare_surface(std::shared_ptr<const TriangleM
   const CoarseMesh coarse = clustered(*mesh, coarse_triangles);
   out->coarse = to_vtk(coarse.mesh, Rigid3::identity());
   out->coarse_source = coarse.source;
+  // What VTK would work out at the first drawing: threads that draw the same surface find it known.
+  out->full->ComputeBounds();
+  out->full->GetCellsBounds(std::array<double, 6>{}.data());
+  for (int k = 0; k < 3; ++k) {
+    double range[2];
+    out->full->GetPoints()->GetData()->GetRange(range, k);
+    out->full->GetPoints()->GetData()->GetFiniteRange(range, k);
+  }
   out->query = std::make_shared<const MeshQuery>(*mesh);
   out->mesh = std::move(mesh);
   return out;

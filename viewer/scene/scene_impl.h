@@ -14,6 +14,7 @@
 #include <QTimer>
 #include <map>
 
+#include "viewer/scene/full_picture.h"
 #include "viewer/scene/manipulator.h"
 #include "viewer/scene/overlay_actors.h"
 #include "viewer/scene/prepared_surface.h"
@@ -21,7 +22,6 @@
 #include "viewer/scene/scene_view.h"
 
 class QVTKOpenGLNativeWidget;
-class vtkActor;
 
 namespace gnathion {
 
@@ -40,8 +40,13 @@ struct Scene3d::Impl {
     std::shared_ptr<const TriangleMesh> wanted;
     std::shared_ptr<PreparedSurface> surface;
     bool preparing = false;
-    vtkSmartPointer<vtkActor> actor;
-    vtkSmartPointer<vtkPolyDataMapper> full, coarse;
+    vtkSmartPointer<LayerActor> actor;
+    vtkSmartPointer<vtkPolyDataMapper> full, coarse;  ///< `full` is the painter's where there is one
+  };
+  struct Asked {
+    std::uint64_t version = 0;
+    CameraPlace camera;
+    QSize px;
   };
 
   void take(const std::string& id, LayerChange change);
@@ -53,6 +58,9 @@ struct Scene3d::Impl {
   void end_picture();
   double moving_detail();
   void set_detail(double wanted);
+  void start_painter();
+  PictureRequest wanted_picture();
+  bool show_finished();
   void start_interaction();
   void stop_interaction();
   void start_plane();
@@ -83,7 +91,12 @@ struct Scene3d::Impl {
   QTimer rest;
   double detail = 1.0;  ///< of the picture's width and height that is drawn
   QSize view_px;
-  std::optional<bool> drawn_by_processor;
+  std::unique_ptr<PicturePainter> painter;  ///< null: the window draws in full detail itself
+  vtkNew<PictureProp> picture_prop;
+  std::shared_ptr<const FinishedPicture> last_full;
+  std::optional<Asked> asked;  ///< the newest picture asked for, until one comes
+  std::uint64_t version = 0;   ///< of what stands in the scene, marks and camera apart
+  bool painter_tried = false, full_shown = false;
   bool scale_shown = false;
   bool fitted = false;  ///< nobody has moved the camera since all that shows was brought into view
   bool moving = false, scheduled = false, placed = false, full_allowed = true, interacting = false;

@@ -5,7 +5,6 @@
 #include <vtkCallbackCommand.h>
 #include <vtkCamera.h>
 #include <vtkGenericOpenGLRenderWindow.h>
-#include <vtkLight.h>
 #include <vtkMatrix4x4.h>
 #include <vtkPolyDataMapper.h>
 #include <vtkProperty.h>
@@ -14,30 +13,9 @@
 #include <QTimer>
 
 #include "viewer/scene/scene_impl.h"
+#include "viewer/scene/scene_look.h"
 
 namespace gnathion {
-namespace {
-
-void add_lights(vtkRenderer& renderer) {
-  renderer.RemoveAllLights();
-  for (const auto& [x, y, intensity] : {std::tuple{-0.8, 1.0, 0.9}, std::tuple{1.0, -0.2, 0.4}}) {
-    vtkNew<vtkLight> light;
-    light->SetLightTypeToCameraLight();
-    light->SetPosition(x, y, 1.0);
-    light->SetIntensity(intensity);
-    renderer.AddLight(light);
-  }
-}
-
-vtkSmartPointer<vtkPolyDataMapper> mapper_of(vtkPolyData* data, bool colored) {
-  auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
-  mapper->SetInputData(data);
-  mapper->SetScalarVisibility(colored);
-  return mapper;
-}
-
-}  // namespace
-
 Scene3d::Scene3d(LayerModel& layers, JobRunner& jobs, QWidget* parent, const char* name)
     : impl_(std::make_unique<Impl>(*this, layers, jobs, name)) {
   Impl& s = *impl_;
@@ -50,10 +28,8 @@ Scene3d::Scene3d(LayerModel& layers, JobRunner& jobs, QWidget* parent, const cha
   s.window->SetNumberOfLayers(2);
   s.window->AddRenderer(s.renderer);
   s.window->AddRenderer(s.front);
-  s.renderer->SetBackground(0.965, 0.972, 0.98);
-  s.renderer->SetBackground2(0.87, 0.895, 0.925);
-  s.renderer->GradientBackgroundOn();
-  s.renderer->SetMaximumNumberOfPeels(4);
+  set_background(*s.renderer);
+  s.renderer->AddViewProp(s.picture_prop);
   s.front->SetLayer(1);
   s.front->InteractiveOff();
   s.front->SetActiveCamera(s.renderer->GetActiveCamera());
@@ -68,6 +44,7 @@ Scene3d::Scene3d(LayerModel& layers, JobRunner& jobs, QWidget* parent, const cha
 }
 
 Scene3d::~Scene3d() {
+  impl_->painter.reset();
   impl_->stop_interaction();
 }
 
@@ -78,6 +55,7 @@ QWidget* Scene3d::widget() const {
 // --- layers -----------------------------------------------------------------------------------------------
 
 void Scene3d::Impl::take(const std::string& id, LayerChange change) {
+  ++version;
   const Layer* layer = layers.find(id);
   if (!layer) {
     const auto at = drawn.find(id);
@@ -131,25 +109,20 @@ void Scene3d::Impl::build_actor(const std::string& id) {
   Drawn& d = drawn[id];
   const Layer* layer = layers.find(id);
   if (!layer || !d.surface) return;
+  start_painter();
+  ++version;
   if (!d.actor) {
-    d.actor = vtkSmartPointer<vtkActor>::New();
+    d.actor = vtkSmartPointer<LayerActor>::New();
     renderer->AddActor(d.actor);
   }
   const bool colored = layer->colors != nullptr;
-  if (colored) {
-    d.full = mapper_of(with_colors(d.surface->full, *layer->colors, nullptr), true);
-    d.coarse = mapper_of(with_colors(d.surface->coarse, *layer->colors, &d.surface->coarse_source), true);
-  } else {
-    d.full = mapper_of(d.surface->full, false);
-    d.coarse = mapper_of(d.surface->coarse, false);
-  }
-  d.actor->SetMapper(moving ? d.coarse : d.full);
-  vtkProperty* look = d.actor->GetProperty();
-  look->SetAmbient(colored ? 0.45 : 0.2);
-  look->SetDiffuse(colored ? 0.6 : 0.9);
-  look->SetSpecular(colored ? 0.0 : 0.2);
-  look->SetSpecularPower(25);
-  look->SetInterpolationToPhong();
+  d.coarse = mapper_of(
+      colored ? with_colors(d.surface->coarse, *layer->colors, &d.surface->coarse_source) : d.surface->coarse,
+      colored);
+  d.full = nullptr;
+  if (!painter)
+    d.full = mapper_of(colored ? with_colors(d.surface->full, *layer->colors, nullptr) : d.surface->full, colored);
+  d.actor->SetMapper(moving || painter ? d.coarse : d.full);
   apply_look(id);
   if (!placed) {
     placed = true;
@@ -162,9 +135,8 @@ void Scene3d::Impl::apply_look(const std::string& id) {
   Drawn& d = drawn[id];
   const Layer* layer = layers.find(id);
   if (!layer || !d.actor) return;
-  vtkProperty* look = d.actor->GetProperty();
-  look->SetColor(layer->color_3d[0], layer->color_3d[1], layer->color_3d[2]);
-  look->SetOpacity(layer->opacity);
+  ++version;
+  set_look(*d.actor->GetProperty(), layer->colors != nullptr, layer->color_3d, layer->opacity);
   d.actor->SetVisibility(layer->visible && layer->opacity > 0.01);
   const Matrix4 m = layer->pose.matrix();
   vtkNew<vtkMatrix4x4> pose;
@@ -197,9 +169,10 @@ void Scene3d::render_now() {
 void Scene3d::Impl::begin_picture() {
   bool clear = false;
   for (const Layer& l : layers.layers()) clear |= l.visible && l.opacity < 1.0;
-  renderer->SetUseDepthPeeling(clear && !moving);
-  renderer->SetUseFXAA(!moving);
-  set_detail(moving ? moving_detail() : 1.0);
+  const bool full = painter ? show_finished() : !moving;
+  renderer->SetUseDepthPeeling(clear && full && !painter);
+  renderer->SetUseFXAA(full && !painter);
+  set_detail(full ? 1.0 : moving_detail());
   view_px = {window->GetSize()[0], window->GetSize()[1]};
   if (detail < 1.0)
     window->SetSize(std::max(1, static_cast<int>(std::lround(view_px.width() * detail))),
@@ -211,16 +184,55 @@ void Scene3d::Impl::end_picture() {
 }
 
 double Scene3d::Impl::moving_detail() {
-  if (!drawn_by_processor) {
-    const char* capabilities = window->ReportCapabilities();
-    const std::string text = capabilities ? capabilities : "";
-    drawn_by_processor = false;
-    for (const char* driver : {"llvmpipe", "softpipe", "swrast"})
-      if (text.find(driver) != std::string::npos) drawn_by_processor = true;
-  }
-  if (!*drawn_by_processor) return 1.0;
+  if (!painter) return 1.0;  // graphics hardware draws all pixels at once
   const double pixels = 1.0 * window->GetSize()[0] * window->GetSize()[1];
   return std::clamp(std::sqrt(kMovingPixels / std::max(1.0, pixels)), 0.25, 1.0);
+}
+
+// --- the picture in full detail, where the processor draws ------------------------------------------------
+
+void Scene3d::Impl::start_painter() {
+  if (painter_tried) return;
+  painter_tried = true;
+  painter = PicturePainter::make_for_processor([this](std::shared_ptr<const FinishedPicture> picture) {
+    if (asked && asked->version == picture->version && asked->camera == picture->camera && asked->px == picture->px)
+      asked.reset();
+    last_full = std::move(picture);
+    self.render();
+  });
+}
+
+PictureRequest Scene3d::Impl::wanted_picture() {
+  PictureRequest r;
+  r.version = version;
+  r.camera = place_of(*renderer->GetActiveCamera());
+  renderer->GetActiveCamera()->GetClippingRange(r.clipping_mm.data());
+  r.px = {window->GetSize()[0], window->GetSize()[1]};
+  for (const Layer& l : layers.layers()) {
+    const auto at = drawn.find(l.id);
+    if (!l.visible || l.opacity <= 0.01 || at == drawn.end() || !at->second.actor) continue;
+    r.surfaces.push_back({at->second.surface, l.colors, l.color_3d, l.opacity, l.pose.matrix()});
+  }
+  return r;
+}
+
+/// True: the finished picture is of what stands in the scene now, and shows. Else the coarse surfaces do, and at
+/// rest the picture is asked for.
+bool Scene3d::Impl::show_finished() {
+  const CameraPlace place = place_of(*renderer->GetActiveCamera());
+  const QSize px(window->GetSize()[0], window->GetSize()[1]);
+  const auto is_now = [&](const auto& picture) {
+    return picture.version == version && picture.camera == place && picture.px == px;
+  };
+  full_shown = !moving && last_full && is_now(*last_full);
+  picture_prop->show(full_shown ? last_full : nullptr);
+  for (auto& [id, d] : drawn)
+    if (d.actor) d.actor->held_back = full_shown;
+  if (moving || full_shown || px.isEmpty() || (asked && is_now(*asked))) return full_shown;
+  PictureRequest request = wanted_picture();
+  asked = Asked{request.version, request.camera, request.px};
+  painter->draw(std::move(request));
+  return false;
 }
 
 /// Lines and letters keep their size on the screen.
@@ -240,6 +252,7 @@ void Scene3d::Impl::set_detail(double wanted) {
 bool Scene3d::settled() const {
   const Impl& s = *impl_;
   if (s.moving || s.scheduled) return false;
+  if (s.painter && s.widget->isVisible() && !s.full_shown) return false;
   for (const Layer& l : s.layers.layers()) {
     if (!l.visible || !l.mesh || l.mesh->empty()) continue;
     const auto at = s.drawn.find(l.id);
@@ -257,7 +270,7 @@ void Scene3d::Impl::set_moving(bool on) {
   if (moving == on) return;
   moving = on;
   for (auto& [id, d] : drawn)
-    if (d.actor) d.actor->SetMapper(on ? d.coarse : d.full);
+    if (d.actor && !painter) d.actor->SetMapper(on ? d.coarse : d.full);
   if (!on) self.render();
 }
 
