@@ -158,6 +158,8 @@ Frames turn(MainWindow& w) {
     ++n;
   }
   f.per_second = 1000.0 * n / static_cast<double>(clock.elapsed());
+  if (const char* folder = std::getenv("GNATHION_PICTURES"))
+    w.grab().save(QString("%1/viewer_turning.png").arg(folder));
   constexpr int kDrawn = 40;
   frame.start();
   for (int i = 0; i < kDrawn; ++i) w.scene().render_now();

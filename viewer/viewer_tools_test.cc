@@ -353,7 +353,7 @@ TEST_F(ViewerTest, NamedViewsScreenshotsAndKeys) {
   }
   QTest::keyClick(&h.window, Qt::Key_S, Qt::ControlModifier);
   const fs::path shot = folder_ / "screenshots" / "screenshot_001.png";
-  ASSERT_TRUE(fs::exists(shot));
+  ASSERT_TRUE(h.wait([&] { return fs::exists(shot); }));
   const QImage saved(QString::fromStdString(shot.string()));
   EXPECT_EQ(saved.size(), h.window.size() * h.window.devicePixelRatioF());
   fs::remove_all(folder_ / "screenshots");

@@ -8,6 +8,7 @@
 #include <QShortcut>
 #include <QStatusBar>
 #include <QTabBar>
+#include <QTimer>
 #include <QToolBar>
 #include <QToolButton>
 #include <QVBoxLayout>
@@ -206,8 +207,12 @@ void MainWindow::look(const QString& name) {
   scene_->look_from(towards, up);
 }
 
+/// In full detail: where the processor draws it, it comes a moment after the last change.
 void MainWindow::save_screenshot() {
   if (!document_.is_open()) return document_.report("Open a case first: screenshots go into its folder.");
+  constexpr int kLookAgainMs = 20;
+  if (!scene_->settled() || (second_->widget()->isVisible() && !second_->settled()))
+    return QTimer::singleShot(kLookAgainMs, this, [this] { save_screenshot(); });
   const QString folder = QString::fromStdString((document_.content().folder / "screenshots").string());
   QDir().mkpath(folder);
   QString path;

@@ -69,23 +69,37 @@ class PicturePainter {
 
  private:
   PicturePainter() = default;
-  std::unique_ptr<QObject> surface_, gui_;
+  std::unique_ptr<QObject> gui_;
   std::unique_ptr<Thread> thread_;
 };
 
-/// A layer in the window's own scene: keeps its place there, drawn or not.
+/// A layer in the window's own scene: keeps its place there, drawn or not. Beside a painter, what is clear is laid
+/// over the rest as it comes: sorting it would cost a moving picture as much again.
 class LayerActor : public vtkOpenGLActor {
  public:
   static LayerActor* New();
   vtkTypeMacro(LayerActor, vtkOpenGLActor);
-  int RenderOpaqueGeometry(vtkViewport* v) override { return held_back ? 0 : Superclass::RenderOpaqueGeometry(v); }
+  int RenderOpaqueGeometry(vtkViewport* v) override {
+    return held_back ? 0 : Superclass::RenderOpaqueGeometry(v);
+  }
   int RenderTranslucentPolygonalGeometry(vtkViewport* v) override {
     return held_back ? 0 : Superclass::RenderTranslucentPolygonalGeometry(v);
   }
   vtkTypeBool HasTranslucentPolygonalGeometry() override {
-    return held_back ? 0 : Superclass::HasTranslucentPolygonalGeometry();
+    return held_back || (laid_over && !laying_) ? 0 : Superclass::HasTranslucentPolygonalGeometry();
   }
-  bool held_back = false;
+  /// VTK calls it after all that is sorted.
+  int RenderVolumetricGeometry(vtkViewport* v) override {
+    if (held_back || !laid_over) return 0;
+    laying_ = true;
+    const int drawn = Superclass::RenderTranslucentPolygonalGeometry(v);
+    laying_ = false;
+    return drawn;
+  }
+  bool held_back = false, laid_over = false;
+
+ private:
+  bool laying_ = false;
 };
 
 /// A finished picture laid behind all else, with its depth: marks in the scene are hidden by it as they are by

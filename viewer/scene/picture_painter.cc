@@ -1,26 +1,28 @@
-// The thread that draws pictures in full detail, with an OpenGL context of its own.
+// The thread that draws pictures in full detail. Its window is VTK's own, off the screen: with a connection of
+// its own to the display, it has its own drawing threads too. A context of Qt's would share them with the
+// window, which then waits for each picture after all.
 #include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 #include <vtkCamera.h>
-#include <vtkGenericOpenGLRenderWindow.h>
 #include <vtkMatrix4x4.h>
 #include <vtkNew.h>
-#include <vtkOpenGLFramebufferObject.h>
-#include <vtkOpenGLState.h>
+#include <vtkOpenGLRenderWindow.h>
 #include <vtkPolyDataMapper.h>
 #include <vtkProperty.h>
+#include <vtkRenderWindow.h>
 #include <vtkRenderer.h>
+#include <vtkUnsignedCharArray.h>
 
-#include <QOffscreenSurface>
-#include <QOpenGLContext>
-#include <QOpenGLFunctions>
-#include <QThread>
+#include <QGuiApplication>
+#include <algorithm>
 #include <condition_variable>
+#include <future>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 
 #include "viewer/scene/full_picture.h"
 #include "viewer/scene/scene_look.h"
@@ -30,31 +32,28 @@ namespace {
 
 constexpr int kNice = 5;  ///< after the window, before its jobs
 
-bool drawn_by_processor(QOpenGLContext& context) {
-  const auto* name = reinterpret_cast<const char*>(context.functions()->glGetString(GL_RENDERER));
-  const std::string renderer = name ? name : "";
-  for (const char* driver : {"llvmpipe", "softpipe", "swrast"})
-    if (renderer.find(driver) != std::string::npos) return true;
-  return false;
-}
-
 /// VTK's side of the thread: made, used and taken apart on it.
 class Studio {
  public:
-  explicit Studio(std::function<void()> make_current) {
-    make_current();
-    window_->SetMultiSamples(0);
-    window_->SetIsCurrent(true);  // no other context comes to this thread
-    window_->SetSupportsOpenGL(1);
-    window_->SetIsDirect(1);
-    window_->SetMapped(1);
-    window_->SetFrameBlitModeToNoBlit();
-    window_->AddRenderer(renderer_);
+  Studio() : window_(vtkOpenGLRenderWindow::SafeDownCast(any_)) {
+    any_->SetOffScreenRendering(1);
+    any_->SetMultiSamples(0);
+    any_->AddRenderer(renderer_);
     set_background(*renderer_);
     add_lights(*renderer_);
     renderer_->SetUseFXAA(true);
   }
-  ~Studio() { window_->Finalize(); }
+
+  bool drawn_by_processor() {
+    if (!window_) return false;
+    window_->SetSize(8, 8);
+    window_->Render();
+    const char* told = window_->ReportCapabilities();
+    const std::string capabilities = told ? told : "";
+    for (const char* driver : {"llvmpipe", "softpipe", "swrast"})
+      if (capabilities.find(driver) != std::string::npos) return true;
+    return false;
+  }
 
   std::shared_ptr<const FinishedPicture> draw(const PictureRequest& r) {
     put_surfaces(r);
@@ -116,38 +115,39 @@ class Studio {
     const auto pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
     out.rgba.resize(4 * pixels);
     out.depth.resize(pixels);
-    vtkOpenGLFramebufferObject* drawn = window_->GetRenderFramebuffer();
-    window_->GetState()->PushReadFramebufferBinding();
-    drawn->Bind(GL_READ_FRAMEBUFFER);
-    drawn->ActivateReadBuffer(0);
-    QOpenGLFunctions* gl = QOpenGLContext::currentContext()->functions();
-    gl->glPixelStorei(GL_PACK_ALIGNMENT, 1);
-    gl->glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, out.rgba.data());
-    gl->glReadPixels(0, 0, width, height, GL_DEPTH_COMPONENT, GL_FLOAT, out.depth.data());
-    window_->GetState()->PopReadFramebufferBinding();
+    constexpr int kBack = 0;
+    window_->GetRGBACharPixelData(0, 0, width - 1, height - 1, kBack, colors_);
+    window_->GetZbufferData(0, 0, width - 1, height - 1, out.depth.data());
+    std::copy_n(colors_->GetPointer(0), out.rgba.size(), out.rgba.begin());
   }
 
-  vtkNew<vtkGenericOpenGLRenderWindow> window_;
+  vtkNew<vtkUnsignedCharArray> colors_;
+  vtkNew<vtkRenderWindow> any_;
+  vtkOpenGLRenderWindow* window_;
   vtkNew<vtkRenderer> renderer_;
   std::map<Key, Ready> ready_;
 };
 
 }  // namespace
 
-class PicturePainter::Thread : public QThread {
+class PicturePainter::Thread {
  public:
-  Thread(std::unique_ptr<QOpenGLContext> context, QOffscreenSurface* surface,
-         std::function<void(std::shared_ptr<const FinishedPicture>)> finished)
-      : context_(std::move(context)), surface_(surface), finished_(std::move(finished)) {
-    context_->moveToThread(this);
-  }
-  ~Thread() override {
+  using Finished = std::function<void(std::shared_ptr<const FinishedPicture>)>;
+  explicit Thread(Finished finished) : finished_(std::move(finished)) {}
+  ~Thread() {
     {
       const std::lock_guard lock(mutex_);
       ended_ = true;
     }
     asked_.notify_one();
-    wait();
+    if (thread_.joinable()) thread_.join();
+  }
+  /// Waits until the thread is ready to draw: what OpenGL's functions are is found once a process, by no two
+  /// threads at a time. False: it is not wanted.
+  bool start() {
+    auto ready = std::make_shared<std::promise<bool>>();
+    thread_ = std::thread([this, ready] { run(*ready); });
+    return ready->get_future().get();
   }
   void ask(PictureRequest request) {
     {
@@ -157,18 +157,13 @@ class PicturePainter::Thread : public QThread {
     asked_.notify_one();
   }
 
- protected:
-  void run() override {
-    ::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
-    if (context_->makeCurrent(surface_)) draw_all();
-    context_->doneCurrent();
-    context_.reset();  // on the thread that it lives in
-  }
-
  private:
-  void draw_all() {
-    Studio studio([this] { context_->makeCurrent(surface_); });
-    for (;;) {
+  void run(std::promise<bool>& ready) {
+    ::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
+    Studio studio;
+    const bool wanted = studio.drawn_by_processor();
+    ready.set_value(wanted);
+    while (wanted) {
       std::optional<PictureRequest> request;
       {
         std::unique_lock lock(mutex_);
@@ -180,40 +175,29 @@ class PicturePainter::Thread : public QThread {
     }
   }
 
-  std::unique_ptr<QOpenGLContext> context_;
-  QOffscreenSurface* surface_;
-  std::function<void(std::shared_ptr<const FinishedPicture>)> finished_;
+  Finished finished_;
+  std::thread thread_;
   std::mutex mutex_;
   std::condition_variable asked_;
   std::optional<PictureRequest> next_;
   bool ended_ = false;
 };
 
-std::unique_ptr<PicturePainter> PicturePainter::make_for_processor(
-    std::function<void(std::shared_ptr<const FinishedPicture>)> done) {
-  auto surface = std::make_unique<QOffscreenSurface>();
-  surface->setFormat(QSurfaceFormat::defaultFormat());
-  surface->create();
-  auto context = std::make_unique<QOpenGLContext>();
-  context->setFormat(QSurfaceFormat::defaultFormat());
-  if (!surface->isValid() || !context->create() || !context->makeCurrent(surface.get())) return nullptr;
-  const bool wanted = drawn_by_processor(*context);
-  context->doneCurrent();
-  if (!wanted) return nullptr;
+std::unique_ptr<PicturePainter> PicturePainter::make_for_processor(Thread::Finished done) {
+  // Without an X server VTK has no window of its own here.
+  if (QGuiApplication::platformName() != "xcb") return nullptr;
   std::unique_ptr<PicturePainter> painter(new PicturePainter);
   painter->gui_ = std::make_unique<QObject>();
   const auto post = [gui = painter->gui_.get(), done](std::shared_ptr<const FinishedPicture> picture) {
     QMetaObject::invokeMethod(
         gui, [done, picture] { done(picture); }, Qt::QueuedConnection);
   };
-  painter->thread_ = std::make_unique<Thread>(std::move(context), surface.get(), post);
-  painter->surface_ = std::move(surface);
-  painter->thread_->start();
-  return painter;
+  painter->thread_ = std::make_unique<Thread>(post);
+  return painter->thread_->start() ? std::move(painter) : nullptr;
 }
 
 PicturePainter::~PicturePainter() {
-  thread_.reset();  // before what it draws on, and before whom it tells
+  thread_.reset();  // before whom it tells
 }
 
 void PicturePainter::draw(PictureRequest request) {

@@ -113,6 +113,7 @@ void Scene3d::Impl::build_actor(const std::string& id) {
   ++version;
   if (!d.actor) {
     d.actor = vtkSmartPointer<LayerActor>::New();
+    d.actor->laid_over = painter != nullptr;
     renderer->AddActor(d.actor);
   }
   const bool colored = layer->colors != nullptr;
@@ -203,6 +204,7 @@ void Scene3d::Impl::start_painter() {
 }
 
 PictureRequest Scene3d::Impl::wanted_picture() {
+  renderer->ResetCameraClippingRange();  // of this camera, whoever wants the window drawn
   PictureRequest r;
   r.version = version;
   r.camera = place_of(*renderer->GetActiveCamera());
@@ -252,7 +254,8 @@ void Scene3d::Impl::set_detail(double wanted) {
 bool Scene3d::settled() const {
   const Impl& s = *impl_;
   if (s.moving || s.scheduled) return false;
-  if (s.painter && s.widget->isVisible() && !s.full_shown) return false;
+  const QSize px = s.widget->size() * s.widget->devicePixelRatioF();
+  if (s.painter && s.widget->isVisible() && !(s.full_shown && s.last_full->px == px)) return false;
   for (const Layer& l : s.layers.layers()) {
     if (!l.visible || !l.mesh || l.mesh->empty()) continue;
     const auto at = s.drawn.find(l.id);
