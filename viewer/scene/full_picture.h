@@ -45,6 +45,7 @@ struct PictureRequest {
   CameraPlace camera;
   std::array<double, 2> clipping_mm = {1, 1000};
   QSize px;
+  bool marks_inside = false;  ///< marks are drawn among the surfaces, which must hide them
 };
 
 struct FinishedPicture {

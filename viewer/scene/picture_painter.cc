@@ -4,6 +4,7 @@
 #include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
+#include <vtkActorCollection.h>
 #include <vtkCamera.h>
 #include <vtkMatrix4x4.h>
 #include <vtkNew.h>
@@ -71,6 +72,7 @@ class Studio {
     out->clipping_mm = r.clipping_mm;
     out->px = r.px;
     read_back(*out);
+    if (r.marks_inside && renderer_->GetUseDepthPeeling()) read_depth_of_clear(*out);
     return out;
   }
 
@@ -119,6 +121,21 @@ class Studio {
     window_->GetRGBACharPixelData(0, 0, width - 1, height - 1, kBack, colors_);
     window_->GetZbufferData(0, 0, width - 1, height - 1, out.depth.data());
     std::copy_n(colors_->GetPointer(0), out.rgba.size(), out.rgba.begin());
+  }
+
+  /// What is clear leaves no depth; marks inside or behind it would lie over it. The same surfaces once more, as
+  /// if they were opaque, those apart that hide little.
+  void read_depth_of_clear(FinishedPicture& out) {
+    constexpr double kHides = 0.5;
+    renderer_->SetUseDepthPeeling(false);
+    vtkActorCollection* actors = renderer_->GetActors();
+    actors->InitTraversal();
+    while (vtkActor* actor = actors->GetNextActor()) {
+      actor->SetVisibility(actor->GetProperty()->GetOpacity() >= kHides);
+      actor->GetProperty()->SetOpacity(1);
+    }
+    window_->Render();
+    window_->GetZbufferData(0, 0, out.px.width() - 1, out.px.height() - 1, out.depth.data());
   }
 
   vtkNew<vtkUnsignedCharArray> colors_;

@@ -253,6 +253,7 @@ const SectionPlane& Scene3d::plane() const {
 
 void Scene3d::show_plane(bool visible) {
   impl_->plane_widget->SetEnabled(visible);
+  ++impl_->version;  // what hides the plane is drawn with its depth
   render();
 }
 

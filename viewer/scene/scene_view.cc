@@ -210,6 +210,8 @@ PictureRequest Scene3d::Impl::wanted_picture() {
   r.camera = place_of(*renderer->GetActiveCamera());
   renderer->GetActiveCamera()->GetClippingRange(r.clipping_mm.data());
   r.px = {window->GetSize()[0], window->GetSize()[1]};
+  r.marks_inside = plane_widget->GetEnabled();
+  for (const auto& [id, overlay] : overlays) r.marks_inside |= !overlay.first;
   for (const Layer& l : layers.layers()) {
     const auto at = drawn.find(l.id);
     if (!l.visible || l.opacity <= 0.01 || at == drawn.end() || !at->second.actor) continue;
@@ -377,6 +379,8 @@ void Scene3d::unlink_camera() {
 // --- overlays ---------------------------------------------------------------------------------------------
 
 void Scene3d::set_overlay(const std::string& overlay_name, Overlay overlay) {
+  // What hides marks among the surfaces is drawn with its depth.
+  if (!overlay.on_top && !impl_->overlays.count(overlay_name)) ++impl_->version;
   clear_overlay(overlay_name);
   auto& into = impl_->overlays[overlay_name];
   into.first = overlay.on_top;
