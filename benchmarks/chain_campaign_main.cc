@@ -1,11 +1,13 @@
 // The chain's errors and forecasts on many virtual patients.
 //
-//   chain_campaign [--first SEED] [--seeds N] [--anatomies N] [--repeats N] [--open] [--csv FILE]
+//   chain_campaign [--first SEED] [--seeds N] [--anatomies N] [--repeats N] [--open] [--film]
 //
 // For each seed: scans with fresh poses, noise, scale signs, holes and soft-tissue shift; T_D, T_F, T, T_B
 // and T_th by the face scans against the truth, at the patient's own TP (2–5° of opening), with --open at
 // 25°. Anatomies (jaws, face, bow, seat) take longest to make and are shared by neighbouring seeds. --repeats
-// N: N face scans in MI, N in TP and N clutch scans go into the one problem.
+// N: N face scans in MI, N in TP and N clutch scans go into the one problem. --film: the camera route, too,
+// from the pixels of a filmed session (chain_campaign_film.h), and both routes fused; T_D is that of the
+// scans.
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
@@ -18,11 +20,13 @@
 #include <string>
 #include <vector>
 
+#include "benchmarks/chain_campaign_film.h"
 #include "calibration/chain.h"
 #include "calibration/composition.h"
 #include "core/progress.h"
 #include "phantom/case.h"
 #include "phantom/case_scans.h"
+#include "phantom/film_scene.h"
 #include "phantom/jaw_motion.h"
 #include "phantom/patient.h"
 
@@ -36,8 +40,7 @@ constexpr double kChi2_6_95 = 12.591587243743977;
 struct Options {
   std::uint64_t first = 7001;
   int seeds = 10, anatomies = 2, repeats = 1;
-  bool open = false;
-  std::string csv;
+  bool open = false, film = false;
 };
 
 /// What one kind of pose did over all seeds.
@@ -146,8 +149,11 @@ class Campaign {
   int run() {
     for (int i = 0; i < options_.seeds; ++i) {
       const int anatomy = i * options_.anatomies / options_.seeds;
-      if (anatomy != anatomy_)
+      if (anatomy != anatomy_) {
         patient_ = make_phantom_patient(options_.first + 100000u * (1u + unsigned(anatomy)));
+        if (options_.open) patient_.therapeutic = wide_opening(patient_);
+        if (options_.film) film_ = film_scene(patient_);
+      }
       anatomy_ = anatomy;
       one(options_.first + static_cast<std::uint64_t>(i));
     }
@@ -157,7 +163,6 @@ class Campaign {
 
  private:
   void one(std::uint64_t seed) {
-    if (options_.open) patient_.therapeutic = wide_opening(patient_);
     PhantomScanPoses poses = phantom_scan_poses(seed);
     ChainScans scans;
     scans.mandible_mi = simulate_phantom_scan(patient_, poses, PhantomScanKind::kMandibleMi, seed);
@@ -177,6 +182,7 @@ class Campaign {
       return;
     }
     tell(*chain, phantom_truth(patient_, poses));
+    if (options_.film) tell_camera(*chain, seed);
     fmt::print(stderr,
                "seed {}: {:.2f} s, T_D {:.3f} T {:.3f} T_th {:.3f} mm, NEES/6 {:.2f} {:.2f} {:.2f} {:.2f}\n",
                seed, took_s, tallies_["T_D"].all_teeth_mm.back(), tallies_["T"].all_teeth_mm.back(),
@@ -217,6 +223,33 @@ class Campaign {
     tallies_["T_th, face scans"].add(th.value.rigid, th.covariance, patient_.therapeutic.rigid, teeth);
   }
 
+  void tell_camera(const Chain& chain, std::uint64_t seed) {
+    const auto seen = filmed_positions(patient_, film_, seed);
+    if (!seen) {
+      ++refused_;
+      fmt::print(stderr, "seed {}: {}\n", seed, seen.error().line());
+      return;
+    }
+    const std::vector<Vector3> teeth = teeth_of(patient_.jaws);
+    const auto add = [&](const char* name, const TherapeuticEstimate& th) {
+      tallies_[name].add(th.therapeutic.value.rigid, th.therapeutic.covariance, patient_.therapeutic.rigid,
+                         teeth);
+    };
+    ChainPose true_t_d;
+    true_t_d.value = patient_.bow_from_dental.rigid;
+    add("T_B, camera (T_D true)",
+        therapeutic_from_camera(true_t_d, seen->head_from_bow_mi, seen->head_from_bow_tp));
+    const TherapeuticEstimate camera =
+        therapeutic_from_camera(chain.bow_from_dental, seen->head_from_bow_mi, seen->head_from_bow_tp);
+    const TherapeuticEstimate faces = therapeutic_from_faces(chain);
+    add("T_th, camera", camera);
+    add("T_th, fused", fuse_routes(faces, camera, chain.bow_from_dental.covariance));
+    consistent_ += compare_routes(camera, faces, chain.bow_from_dental.covariance, teeth).consistent ? 1 : 0;
+    fmt::print(stderr, "seed {}: camera: T_B {:.4f} T_th {:.4f} fused {:.4f} mm\n", seed,
+               tallies_["T_B, camera (T_D true)"].all_teeth_mm.back(),
+               tallies_["T_th, camera"].all_teeth_mm.back(), tallies_["T_th, fused"].all_teeth_mm.back());
+  }
+
   void report() const {
     fmt::print(
         "{} seeds from {}, {} anatomies, {} face scan(s) in MI, {} in TP, {} clutch scan(s), TP {}; {} "
@@ -229,6 +262,7 @@ class Campaign {
         "| --- | --- | --- | --- | --- | --- | --- | --- |\n");
     for (const auto& [name, tally] : tallies_)
       if (!tally.nees.empty()) print(name, tally);
+    if (options_.film) fmt::print("\nroutes agree (p ≥ 0.003): {} of {}\n", consistent_, options_.seeds);
     if (!seconds_.empty())
       fmt::print("\nsolve_chain: median {:.2f} s, longest {:.2f} s\n", quantile(seconds_, 0.5),
                  *std::max_element(seconds_.begin(), seconds_.end()));
@@ -238,7 +272,8 @@ class Campaign {
 
   Options options_;
   PhantomPatient patient_;
-  int anatomy_ = -1, refused_ = 0;
+  FilmScene film_;
+  int anatomy_ = -1, refused_ = 0, consistent_ = 0;
   std::map<std::string, Tally> tallies_;
   std::vector<double> seconds_;
   StepTimes steps_;
@@ -251,8 +286,8 @@ int main(int argc, char** argv) {
   gnathion::Options o;
   for (int i = 1; i < argc; ++i) {
     const std::string name = argv[i];
-    if (name == "--open") {
-      o.open = true;
+    if (name == "--open" || name == "--film") {
+      (name == "--open" ? o.open : o.film) = true;
       continue;
     }
     if (i + 1 == argc) return 2;

@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -136,14 +137,15 @@ class JointProblem {
   std::vector<double> scales_;
 };
 
-/// Scores with these weights (by term); empty: as if residuals were independent.
+/// Scores with these weights (by term) of the ordinary ones; empty: as if residuals were independent.
 std::vector<TermScore> scores_at(const std::vector<SurfaceTerm>& terms, const ChainSolution& at,
                                  const std::vector<double>& weights) {
-  std::vector<TermScore> scores;
-  for (std::size_t i = 0; i < terms.size(); ++i) {
-    scores.push_back(score_of(terms[i], pose_of(terms[i], at.poses)));
-    if (!weights.empty()) scores.back().weight = weights[i];
-  }
+  std::vector<TermScore> scores(terms.size());
+  tbb::parallel_for(std::size_t{0}, terms.size(), [&](std::size_t i) {
+    const Rigid3 x = pose_of(terms[i], at.poses);
+    scores[i] = terms[i].generalised ? generalised_score_of(terms[i], x) : score_of(terms[i], x);
+    if (!weights.empty() && !terms[i].generalised) scores[i].weight = weights[i];
+  });
   return scores;
 }
 
@@ -182,11 +184,33 @@ void estimate_noises(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>&
   }
 }
 
+/// Terms of one pool are generalised together, if the noise is what its model takes it for.
+void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
+  constexpr double kContradicts = 3.0;  // χ² by its freedom; noise is estimated, and 1.5 is nothing
+  std::vector<Disagreement> apart(problem.terms.size());
+  tbb::parallel_for(std::size_t{0}, apart.size(), [&](std::size_t i) {
+    const SurfaceTerm& term = problem.terms[i];
+    if (term.rigid) apart[i] = disagreement_of(term, pose_of(term, poses), problem.scale_sigmas);
+  });
+  std::map<int, Disagreement> pools;
+  for (std::size_t i = 0; i < apart.size(); ++i) {
+    pools[problem.terms[i].noise_pool].chi2 += apart[i].chi2;
+    pools[problem.terms[i].noise_pool].freedom += apart[i].freedom;
+  }
+  for (SurfaceTerm& term : problem.terms) {
+    const Disagreement& pool = pools[term.noise_pool];
+    const double ratio = pool.freedom > 0 ? pool.chi2 / pool.freedom : 1.0;
+    term.generalised = term.rigid && pool.freedom > 0 && ratio < kContradicts;
+    term.widened = std::max(1.0, ratio);
+  }
+}
+
 std::vector<double> weights_of(const std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>& poses) {
   std::vector<double> weights;
   for (const SurfaceTerm& term : terms) {
     const Rigid3 x = pose_of(term, poses);
-    weights.push_back(score_weight(score_of(term, x), score_noise(term, x)));
+    weights.push_back(term.generalised ? 1.0 / term.widened
+                                       : score_weight(score_of(term, x), score_noise(term, x)));
   }
   return weights;
 }
@@ -216,7 +240,11 @@ Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at
     if (term.left) map.block<6, 6>(0, 6 * *term.left) = -by_right;
     for (std::size_t k = 0; k < scanners.size(); ++k)
       map(6 + static_cast<long>(k), pose_rows + scanners[k]) = 1.0;
-    sum += weights[i] * weights[i] * map.transpose() * score_noise(term, pose_of(term, at.poses)) * map;
+    const Rigid3 x = pose_of(term, at.poses);
+    const Eigen::MatrixXd noise =
+        term.generalised ? Eigen::MatrixXd(term.widened * generalised_score_of(term, x).information)
+                         : score_noise(term, x);
+    sum += weights[i] * weights[i] * map.transpose() * noise * map;
   }
   return sum;
 }
@@ -278,9 +306,14 @@ Result<ChainSolution> solve_poses(ChainProblem& problem) {
   ChainSolution solution;
   solution.poses = problem.poses;
   solution.scales.assign(problem.scale_sigmas.size(), 0.0);
+  for (SurfaceTerm& term : problem.terms) {
+    term.generalised = false;
+    term.widened = 1.0;
+  }
   GNATHION_CHECK_OK(settle(problem, {}, kNear_mm, solution));
   GNATHION_CHECK_OK(associate_all(problem.terms, solution));
   estimate_noises(problem.terms, solution.poses);
+  choose_ways(problem, solution.poses);
   const std::vector<double> weights = weights_of(problem.terms, solution.poses);
   GNATHION_CHECK_OK(settle(problem, weights, kStill_mm, solution));
 

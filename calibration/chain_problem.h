@@ -2,13 +2,19 @@
 // once.
 //
 // Residuals of a scan are correlated over centimetres, so that six thousand points tell far less than six
-// thousand numbers would, and how much less differs from surface to surface. Each registration enters by its
-// score H·ξ + g, where H = Σ w J Jᵀ, g = Σ w J r over its points, and M = Cov(g) carries the noise with its
-// range (registration/residual_noise.h). Within a registration all points count alike; between registrations
-// each counts by λ = 6/tr(H⁻¹M), one over its mean noise. Ceres minimises Σ λ (H·ξ + g)ᵀ H⁻¹ (H·ξ + g) over
-// all poses and scales on SE(3). With B = (Σ λH)⁻¹ the covariance is B·(Σ λ²M)·B. (Weighing with M⁻¹ instead
-// promises more, but leans on how the noise of a scale and of a pose hang together, which no estimate of M
-// knows well enough.)
+// thousand numbers would. Each registration enters by its score H·ξ + g with noise M = Cov(g), in one of two
+// ways:
+//
+// - generalised (registration/patch_fit.h): H = JᵀV⁻¹J, g = JᵀV⁻¹r, λ = 1, M = H, with the covariance V of
+// the
+//   residuals as their restricted likelihood has it. Half the error of the other way, if V is right;
+// - ordinary: H = Σ w J Jᵀ, g = Σ w J r, all points alike, and between registrations λ = 6/tr(H⁻¹M), one over
+//   the mean noise. It leans on V for its forecast only.
+//
+// All are solved the ordinary way first. Where both ways then differ by more than V allows (surfaces that a
+// scanner bends, blurs or rounds off), the ordinary one stands, and its noise is widened by as much as V was
+// wrong. Ceres minimises Σ λ (H·ξ + g)ᵀ H⁻¹ (H·ξ + g) over all poses and scales on SE(3). With B = (Σ λH)⁻¹
+// the covariance is B·(Σ λ²M)·B.
 #pragma once
 
 #include <array>
@@ -44,12 +50,17 @@ struct SurfaceTerm {
   Vector3 scale_centre_mm = Vector3::Zero(), surface_scale_centre_mm = Vector3::Zero();
   /// Terms of one pool have one noise, estimated from all of them.
   int noise_pool = 0;
+  /// False: never generalised; what the surface does besides noise (skin) is not to be trusted in its
+  /// details.
+  bool rigid = true;
 
   // Results.
   double source_scale = 0.0, surface_scale = 0.0;  ///< s of the samples' and the surface's scanner
   std::vector<PlanePair> pairs;
   double scale_mm = 0.0;
   ResidualNoise noise;
+  bool generalised = false;
+  double widened = 1.0;  ///< of the noise's variance, ≥ 1
   double rms_mm = 0.0, held_out_mm = 0.0;
 };
 

@@ -95,15 +95,19 @@ std::optional<Rigid3> locate_near(const SearchSurface& source, const SearchSurfa
   return fit.target_from_source;
 }
 
+enum class Onto { kScan, kCad };
+
 SurfaceTerm term_of(std::string name, const ChainSurface& scan, const std::vector<bool>& keep, int scanner,
-                    const ChainSurface& surface, ChainNoisePool pool, std::uint64_t seed) {
+                    const ChainSurface& surface, Onto onto, ChainNoisePool pool, std::uint64_t seed) {
   SurfaceTerm term;
   term.name = std::move(name);
   term.surface = &surface.query;
   term.scanner = scanner;
   term.scale_centre_mm = scan.centre_mm;
   term.noise_pool = pool;
-  set_samples(term, sample_surface(scan.mesh, keep, kPointsPerTerm * 5 / 4, seed));
+  // Chords of two scans sag alike; beside a CAD surface they would pull the scan out of it.
+  const auto sampled = onto == Onto::kCad ? sample_vertices : sample_surface;
+  set_samples(term, sampled(scan.mesh, keep, kPointsPerTerm * 5 / 4, seed));
   return term;
 }
 
@@ -258,7 +262,7 @@ void Registrar::add_clutch_terms(const ChainSurface& clutch, std::size_t index) 
     if (off_teeth[t] < 0.5) bow_part[t] = false;
   }
   SurfaceTerm on_arch = term_of(numbered("clutch scan", index, count) + " on lower arch", clutch, teeth,
-                                kClutch, *mandible_, kTeethNoise, seed_ + 1);
+                                kClutch, *mandible_, Onto::kScan, kTeethNoise, seed_ + 1);
   on_arch.left = u.t_d;
   on_arch.right = unknown;
   on_arch.surface_scanner = kIntraoral;
@@ -266,7 +270,7 @@ void Registrar::add_clutch_terms(const ChainSurface& clutch, std::size_t index) 
   on_arch.surface_scale_centre_mm = Vector3::Zero();
   terms().push_back(std::move(on_arch));
   SurfaceTerm on_cad = term_of(numbered("clutch scan", index, count) + " on bow", clutch, bow_part, kClutch,
-                               *bow_, kClutchNoise, seed_ + 2);
+                               *bow_, Onto::kCad, kClutchNoise, seed_ + 2);
   on_cad.right = unknown;
   terms().push_back(std::move(on_cad));
 }
@@ -300,8 +304,9 @@ Status Registrar::find_head_between(const Face& mi, const Face& tp, const Rigid3
 void Registrar::add_face_terms(const Face& face, int head_from_face, int head_from_bow,
                                const std::string& name) {
   const auto add = [&](const char* body, const ChainSurface& model, const std::vector<double>& to_body_mm) {
-    SurfaceTerm term = term_of(fmt::format("{} in {}", body, name), *face.surface,
-                               where(to_body_mm, 0.0, kOnBow_mm), kFace, model, kFaceNoise, seed_ + 3);
+    SurfaceTerm term =
+        term_of(fmt::format("{} in {}", body, name), *face.surface, where(to_body_mm, 0.0, kOnBow_mm), kFace,
+                model, Onto::kCad, kFaceNoise, seed_ + 3);
     term.right = head_from_face;
     terms().push_back(std::move(term));
   };
@@ -315,14 +320,15 @@ void Registrar::add_face_terms(const Face& face, int head_from_face, int head_fr
 
 /// The head of a face scan on that of the first, where no model of a head frame says better.
 void Registrar::add_head_term(const Face& face, int head_from_face, const std::string& name) {
-  SurfaceTerm head =
-      term_of(name, *face.surface, face.off_bow, kFace, *first_face_.surface, kSkinNoise, seed_ + 4);
+  SurfaceTerm head = term_of(name, *face.surface, face.off_bow, kFace, *first_face_.surface, Onto::kScan,
+                             kSkinNoise, seed_ + 4);
   head.keep = first_face_.off_bow;
   head.surface_scanner = kFace;
   head.surface_scale_centre_mm = first_face_.surface->centre_mm;
   head.left = start_.unknowns.first_face_mi;
   head.right = head_from_face;
   head.scale_cap_mm = kRigidHead_mm;
+  head.rigid = false;
   terms().push_back(std::move(head));
 }
 

@@ -59,12 +59,43 @@ std::vector<int> scanners_of(const SurfaceTerm& term) {
   return out;
 }
 
-TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {
+namespace {
+
+TermScore score_at(const SurfaceTerm& term, const Rigid3& pose) {
   TermScore s;
   s.at = pose;
   s.scanners = scanners_of(term);
   for (const int k : s.scanners)
     s.scales_at.push_back(k == term.scanner ? term.source_scale : term.surface_scale);
+  return s;
+}
+
+PatchSystem patches_of(const SurfaceTerm& term, const Rigid3& pose) {
+  return patches_of(term.pairs, pose, rows_of(term, pose, scanners_of(term)), term.noise);
+}
+
+}  // namespace
+
+TermScore generalised_score_of(const SurfaceTerm& term, const Rigid3& pose) {
+  TermScore s = score_at(term, pose);
+  GeneralisedScore score = generalised_score(patches_of(term, pose));
+  s.information = std::move(score.information);
+  s.score = std::move(score.score);
+  s.weight = 1.0 / term.widened;
+  return s;
+}
+
+Disagreement disagreement_of(const SurfaceTerm& term, const Rigid3& pose,
+                             const std::vector<double>& scale_sigmas) {
+  const std::vector<int> scanners = scanners_of(term);
+  Eigen::VectorXd sigmas(static_cast<long>(scanners.size()));
+  for (std::size_t k = 0; k < scanners.size(); ++k)
+    sigmas[static_cast<long>(k)] = scale_sigmas[static_cast<std::size_t>(scanners[k])];
+  return disagreement(patches_of(term, pose), sigmas);
+}
+
+TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {
+  TermScore s = score_at(term, pose);
   const ScoreRows rows = rows_of(term, pose, s.scanners);
   s.information = Eigen::MatrixXd::Zero(rows.rows(), rows.rows());
   s.score = Eigen::VectorXd::Zero(rows.rows());
@@ -80,7 +111,7 @@ TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {
 }
 
 Eigen::MatrixXd score_noise(const SurfaceTerm& term, const Rigid3& pose) {
-  return score_covariance(term.pairs, rows_of(term, pose, scanners_of(term)), term.noise);
+  return term.widened * score_covariance(term.pairs, rows_of(term, pose, scanners_of(term)), term.noise);
 }
 
 double score_weight(const TermScore& score, const Eigen::MatrixXd& noise) {

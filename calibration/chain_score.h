@@ -4,6 +4,7 @@
 #include <ceres/sized_cost_function.h>
 
 #include "calibration/chain_problem.h"
+#include "registration/patch_fit.h"
 
 namespace gnathion {
 
@@ -24,6 +25,11 @@ std::vector<int> scanners_of(const SurfaceTerm& term);
 TermScore score_of(const SurfaceTerm& term, const Rigid3& pose);
 /// M = Cov(g) with the term's own noise model.
 Eigen::MatrixXd score_noise(const SurfaceTerm& term, const Rigid3& pose);
+/// The same two as generalised least squares has them, λ = 1/widened; M = widened·H.
+TermScore generalised_score_of(const SurfaceTerm& term, const Rigid3& pose);
+/// Of the two ways, scales known to `scale_sigmas` (by scanner).
+Disagreement disagreement_of(const SurfaceTerm& term, const Rigid3& pose,
+                             const std::vector<double>& scale_sigmas);
 /// λ = 6/tr(H⁻¹M) over the pose.
 double score_weight(const TermScore& score, const Eigen::MatrixXd& noise);
 

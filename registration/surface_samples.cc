@@ -54,6 +54,28 @@ SurfaceSamples sample_surface(const TriangleMesh& mesh, const std::vector<bool>&
   return samples;
 }
 
+SurfaceSamples sample_vertices(const TriangleMesh& mesh, const std::vector<bool>& keep, std::size_t count,
+                               std::uint64_t seed) {
+  const SurfaceSamples spread = sample_surface(mesh, keep, count, seed);
+  std::vector<Vector3> normals(mesh.vertices_mm.size(), Vector3::Zero());
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
+    for (const std::uint32_t v : mesh.triangles[t]) normals[v] += face_normal_scaled(mesh, t);
+  std::vector<bool> taken(mesh.vertices_mm.size(), false);
+  SurfaceSamples samples;
+  for (std::size_t i = 0; i < spread.size(); ++i) {
+    const Triangle& corners = mesh.triangles[spread.triangles[i]];
+    const std::uint32_t v =
+        *std::min_element(corners.begin(), corners.end(), [&](std::uint32_t a, std::uint32_t b) {
+          return (mesh.vertices_mm[a] - spread.points_mm[i]).squaredNorm() <
+                 (mesh.vertices_mm[b] - spread.points_mm[i]).squaredNorm();
+        });
+    if (taken[v]) continue;
+    taken[v] = true;
+    samples.push_back(mesh.vertices_mm[v], normals[v].normalized(), spread.triangles[i]);
+  }
+  return samples;
+}
+
 SurfaceSamples thinned(const SurfaceSamples& dense, double spacing_mm, double normal_radius_mm) {
   const PointGrid grid(dense.points_mm, std::max(spacing_mm, normal_radius_mm));
   // Visited in a scrambled order, so that the subset does not follow the order of the triangles.

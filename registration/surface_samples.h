@@ -32,6 +32,12 @@ double kept_area_mm2(const TriangleMesh& mesh, const std::vector<bool>& keep);
 SurfaceSamples sample_surface(const TriangleMesh& mesh, const std::vector<bool>& keep, std::size_t count,
                               std::uint64_t seed);
 
+/// At most `count` of the kept triangles' vertices, spread as above, each once, with the normals of the whole
+/// mesh there. Where a scan meets a CAD surface: vertices were measured, what lies between them is a chord
+/// and sags below a curved surface.
+SurfaceSamples sample_vertices(const TriangleMesh& mesh, const std::vector<bool>& keep, std::size_t count,
+                               std::uint64_t seed);
+
 /// A subset no two points of which are closer than `spacing_mm` on like-oriented surface, in an order that
 /// depends on the samples alone; normals are averaged over the dense samples within `normal_radius_mm` that
 /// face alike.

@@ -131,6 +131,21 @@ struct Truth {
               [](const Vector3& v) { return v.norm(); });
     return std::atan2(left_condyle ? -d.x() : d.x(), -d.y()) / kDegree;
   }
+  /// Of the incisal point, frontal plane, on the way down, from the straight line MI–largest opening; left +.
+  double opening_deviation() const {
+    const auto [start, end] = phase(JawPhaseKind::kOpening);
+    double peak = start;
+    for (double t = start; t < end; t += 5e-4)
+      if (at(Vector3::Zero(), t).norm() > at(Vector3::Zero(), peak).norm()) peak = t;
+    const Vector3 top = at(Vector3::Zero(), peak);
+    double largest = 0;
+    for (double t = start; t < peak; t += 5e-4) {
+      const Vector3 d = at(Vector3::Zero(), t);
+      const double off = d.x() - top.x() * d.z() / top.z();
+      if (std::abs(off) > std::abs(largest)) largest = off;
+    }
+    return largest;
+  }
   /// Intercept and slope of medial over forward, 2..5 mm, by a fine uniform sampling of the forward travel.
   std::pair<double, double> side_shift(bool left_condyle) const {
     const Vector3 point = left_condyle ? p.geometry.condyle_left_mm : p.geometry.condyle_right_mm;
@@ -147,6 +162,37 @@ struct Truth {
     return {(y - slope * x) / n, std::atan(slope) / kDegree};
   }
 };
+
+/// Area of what the incisal point's movements span, seen along one axis: the outline by its extreme points in
+/// 4000 directions.
+double spanned_mm2(const Patient& p, int across, int up) {
+  std::vector<Eigen::Vector2d> path{{0, 0}};
+  const auto add = [&](double start, double end) {
+    for (double t = start; t < end; t += 2e-3) {
+      const Vector3 d = p.truth(t) * Vector3(0, 0, 0);
+      path.emplace_back(d[across], d[up]);
+    }
+  };
+  add(0, p.guided_s);
+  for (const JawPhase& x : p.session->phases())
+    if (x.kind == JawPhaseKind::kOpening || x.kind == JawPhaseKind::kProtrusion ||
+        x.kind == JawPhaseKind::kLaterotrusionLeft || x.kind == JawPhaseKind::kLaterotrusionRight ||
+        x.kind == JawPhaseKind::kChewing)
+      add(p.guided_s + x.start_s, p.guided_s + x.end_s());
+  std::vector<Eigen::Vector2d> outline;
+  for (int k = 0; k < 4000; ++k) {
+    const double angle = 2 * M_PI * k / 4000;
+    const Eigen::Vector2d u(std::cos(angle), std::sin(angle));
+    outline.push_back(*std::max_element(path.begin(), path.end(),
+                                        [&](const auto& a, const auto& b) { return a.dot(u) < b.dot(u); }));
+  }
+  double area = 0;
+  for (std::size_t i = 0; i < outline.size(); ++i) {
+    const auto &a = outline[i], &b = outline[(i + 1) % outline.size()];
+    area += 0.5 * (a.x() * b.y() - b.x() * a.y());
+  }
+  return area;
+}
 
 std::map<std::string, double> truth_of(const Patient& p) {
   const Truth t{p};
@@ -178,6 +224,9 @@ std::map<std::string, double> truth_of(const Patient& p) {
   v["hinge_axis_above_incisal"] = met.z();
   v["hinge_axis_tilt_horizontal"] = std::atan2(-axis.y(), axis.x()) / kDegree;
   v["hinge_axis_tilt_frontal"] = std::atan2(axis.z(), axis.x()) / kDegree;
+  v["opening_deviation"] = t.opening_deviation();
+  v["posselt_sagittal_area"] = spanned_mm2(p, 1, 2);
+  v["posselt_frontal_area"] = spanned_mm2(p, 0, 2);
   v["chewing_cycles"] = 3;
   const auto [start, end] = t.phase(JawPhaseKind::kChewing);
   // Largest openings of the cycles, on the true path.
@@ -258,6 +307,8 @@ TEST(JawAnalysis, IsTrueOnFreshSeedsAndItsErrorsAreWhatItSays) {
   EXPECT_LE(rms("hinge_axis_above_incisal"), 0.5);
   EXPECT_LE(rms("opening"), 0.1);
   EXPECT_LE(rms("chewing_period"), 0.01);
+  EXPECT_LE(rms("posselt_sagittal_area"), 5);  // of some 150 and 500 mm²
+  EXPECT_LE(rms("posselt_frontal_area"), 5);
 }
 
 TEST(JawAnalysis, CutsTheSessionAsItWasMade) {

@@ -131,7 +131,8 @@ void add_posselt(const JawScene& scene, const std::vector<JawSegment>& segments,
   const bool all = largest_of(scene, segments, JawMovement::kOpening) != nullptr &&
                    largest_of(scene, segments, JawMovement::kProtrusion) != nullptr;
   if (all) {
-    std::vector<Eigen::Vector2d> sagittal, front;
+    // MI is a corner of the envelope; movements begin a little beside it.
+    std::vector<Eigen::Vector2d> sagittal{{0, 0}}, front{{0, 0}};
     double start = 1e300, end = -1e300;
     for (const JawSegment& s : segments) {
       if (s.movement == JawMovement::kOther) continue;
