@@ -12,8 +12,8 @@ namespace gnathion {
 namespace {
 
 /// Six plates of 30 mm about a bow of 150 mm, as a scanner sees them: white noise and a smooth field along
-/// the normals; `dished` bends each plate's rim inwards by that much, which no stationary noise does.
-std::vector<PlanePair> plates(double white_mm, double correlated_mm, double length_mm, double dished_mm,
+/// the normals; `bent` bends one edge of each plate inwards by that much, which no stationary noise does.
+std::vector<PlanePair> plates(double white_mm, double correlated_mm, double length_mm, double bent_mm,
                               Random& random) {
   constexpr int kWaves = 200, kPerPlate = 500;
   std::vector<Vector3> waves;
@@ -38,7 +38,7 @@ std::vector<PlanePair> plates(double white_mm, double correlated_mm, double leng
         field += std::cos(waves[std::size_t(k)].dot(p) + phases[std::size_t(k)]);
       const double from_rim_mm = 15.0 - std::max(std::abs(local.x()), std::abs(local.y()));
       const double r = white_mm * random.normal() + correlated_mm * std::sqrt(2.0 / kWaves) * field -
-                       dished_mm * std::exp(-from_rim_mm / 1.5) * (1.0 + 0.3 * (plate - 2.5));
+                       bent_mm * std::exp(-from_rim_mm / 1.5) * (local.x() > 0 ? 1.0 : 0.0);
       pairs.push_back({p + r * normal, p, normal, static_cast<std::uint32_t>(pairs.size()), 1.0});
     }
   }
@@ -60,11 +60,11 @@ struct Trials {
   double ordinary_mm = 0, generalised_mm = 0, nees = 0, disagreement = 0;
 };
 
-Trials run(int count, double dished_mm, std::uint64_t seed) {
+Trials run(int count, double bent_mm, std::uint64_t seed) {
   Trials t;
   Random random(seed);
   for (int i = 0; i < count; ++i) {
-    const std::vector<PlanePair> pairs = plates(0.03, 0.03, 10.0, dished_mm, random);
+    const std::vector<PlanePair> pairs = plates(0.03, 0.03, 10.0, bent_mm, random);
     const ResidualNoise noise = estimate_noise(pairs, {});
     const PatchSystem patches = patches_of(pairs, {}, rows_of(pairs), noise);
     const GeneralisedScore s = generalised_score(patches);

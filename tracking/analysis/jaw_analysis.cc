@@ -284,6 +284,14 @@ void add_sigmas(const JawRecording& recording, const std::vector<Matrix6>& rows,
       continue;
     }
     number.sigma = std::sqrt(std::max(0.0, (squares[k] - sum[k] * sum[k] / n[k]) / (n[k] - 1)));
+    // SIMEX (Cook & Stefanski 1994): a draw's noise comes on top of the recording's. An outline's surplus is
+    // proportional to sigma, which a draw makes sqrt(2) times larger; taken back to none. One recording's own
+    // noise leaves that correction uncertain by half of itself.
+    if (number.grows_with_noise) {
+      const double surplus = sum[k] / n[k] / (std::sqrt(2.0) - 1.0);
+      number.value -= surplus;
+      number.sigma = std::hypot(number.sigma, 0.5 * surplus);
+    }
   }
 }
 

@@ -23,7 +23,8 @@ struct JawNumber {
   double start_s = 0, end_s = 0;  ///< the arc
   int rows = 0;                   ///< rows inside it
   bool determined = false;
-  std::string reason;  ///< why not
+  bool grows_with_noise = false;  ///< an outline, widened by each row's error: corrected by simulation
+  std::string reason;             ///< why not
 };
 
 struct ChewingCycle {

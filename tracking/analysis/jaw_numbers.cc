@@ -140,7 +140,7 @@ void add_posselt(const JawScene& scene, const std::vector<JawSegment>& segments,
       end = std::max(end, s.end_s);
       const auto [first, last] = scene.rows(s.start_s, s.end_s);
       for (std::size_t i = first; i <= last; ++i) {
-        const Vector3 d = scene.displacement(scene.landmarks.incisal_mm, i);
+        const Vector3 d = scene.displacement_at(scene.landmarks.incisal_mm, (*scene.time_s)[i]);
         const ReferencePlane& p = scene.landmarks.plane;
         sagittal.emplace_back(p.forward(d), p.downward(d));
         front.emplace_back(p.leftward(d), p.downward(d));
@@ -150,6 +150,7 @@ void add_posselt(const JawScene& scene, const std::vector<JawSegment>& segments,
     on_arc(scene, start, end, &frontal);
     determined(hull_area(sagittal), &n);
     determined(hull_area(front), &frontal);
+    n.grows_with_noise = frontal.grows_with_noise = true;
   } else {
     n.reason = frontal.reason = "needs an opening and a protrusion";
   }
