@@ -186,7 +186,8 @@ void estimate_noises(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>&
 
 /// Terms of one pool are generalised together, if the noise is what its model takes it for.
 void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
-  constexpr double kContradicts = 3.0;  // χ² by its freedom; noise is estimated, and 1.5 is nothing
+  // χ² by its freedom: of six numbers a fit, and noise is estimated; of hundreds.
+  constexpr double kContradicts = 3.0, kUnexplained = 1.2;
   std::vector<Disagreement> apart(problem.terms.size());
   tbb::parallel_for(std::size_t{0}, apart.size(), [&](std::size_t i) {
     const SurfaceTerm& term = problem.terms[i];
@@ -194,14 +195,18 @@ void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
   });
   std::map<int, Disagreement> pools;
   for (std::size_t i = 0; i < apart.size(); ++i) {
-    pools[problem.terms[i].noise_pool].chi2 += apart[i].chi2;
-    pools[problem.terms[i].noise_pool].freedom += apart[i].freedom;
+    Disagreement& pool = pools[problem.terms[i].noise_pool];
+    pool.chi2 += apart[i].chi2;
+    pool.freedom += apart[i].freedom;
+    pool.rest_chi2 += apart[i].rest_chi2;
+    pool.rest_freedom += apart[i].rest_freedom;
   }
   for (SurfaceTerm& term : problem.terms) {
     const Disagreement& pool = pools[term.noise_pool];
     const double ratio = pool.freedom > 0 ? pool.chi2 / pool.freedom : 1.0;
-    term.generalised = term.rigid && pool.freedom > 0 && ratio < kContradicts;
-    term.widened = std::max(1.0, ratio);
+    const double rest = pool.rest_freedom > 0 ? pool.rest_chi2 / pool.rest_freedom : 1.0;
+    term.generalised = term.rigid && pool.freedom > 0 && ratio < kContradicts && rest < kUnexplained;
+    term.widened = std::max({1.0, ratio, rest});
   }
 }
 

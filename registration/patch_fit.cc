@@ -107,6 +107,18 @@ GeneralisedScore generalised_score(const PatchSystem& patches) {
   return {j.transpose() * j, j.transpose() * r};
 }
 
+namespace {
+
+void add_rest(const PatchSystem& patches, const Eigen::LLT<Eigen::MatrixXd>& v, Disagreement* out) {
+  const Eigen::MatrixXd j = v.matrixL().solve(patches.jacobian);
+  const Eigen::VectorXd r = v.matrixL().solve(patches.residual_mm);
+  const Eigen::VectorXd rest = r - j * j.householderQr().solve(r);
+  out->rest_chi2 = rest.squaredNorm();
+  out->rest_freedom = static_cast<int>(r.size() - j.cols());
+}
+
+}  // namespace
+
 Disagreement disagreement(const PatchSystem& patches, const Eigen::VectorXd& other_sigmas) {
   constexpr double kTells = 0.02;  // of the ordinary variance: less is rounding
   const Eigen::MatrixXd pose = patches.jacobian.leftCols<6>();
@@ -116,7 +128,8 @@ Disagreement disagreement(const PatchSystem& patches, const Eigen::VectorXd& oth
   const Eigen::MatrixXd even = pose * scale.asDiagonal();
   const Eigen::MatrixXd weighed = patches.weight.asDiagonal() * even;
   const Eigen::MatrixXd a = (even.transpose() * weighed).ldlt().solve(weighed.transpose());
-  const Eigen::MatrixXd by_v = patches.covariance.llt().solve(even);
+  const Eigen::LLT<Eigen::MatrixXd> v(patches.covariance);
+  const Eigen::MatrixXd by_v = v.solve(even);
   const Eigen::MatrixXd g = (even.transpose() * by_v).ldlt().solve(by_v.transpose());
   const Eigen::MatrixXd apart = a - g;
   const Vector6 d = apart * patches.residual_mm;
@@ -125,6 +138,7 @@ Disagreement disagreement(const PatchSystem& patches, const Eigen::VectorXd& oth
   const Matrix6 spread = apart * patches.covariance * apart.transpose() + by_others * by_others.transpose();
   const Eigen::LLT<Matrix6> whole(ordinary);
   Disagreement out;
+  add_rest(patches, v, &out);
   if (whole.info() != Eigen::Success) return out;
   const Matrix6 half = whole.matrixL().solve(spread);
   const Matrix6 share = whole.matrixL().solve(Matrix6(half.transpose()));

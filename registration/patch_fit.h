@@ -32,12 +32,14 @@ struct GeneralisedScore {
 };
 GeneralisedScore generalised_score(const PatchSystem& patches);
 
-/// Ordinary and generalised least squares estimate the same pose, and by how much they may differ follows
-/// from V alone (Hausman, "Specification tests in econometrics", 1978): a large χ² says that the noise is not
-/// what V takes it for, and that fine differences deserve no trust.
+/// Whether the noise is what V takes it for. Ordinary and generalised least squares estimate the same pose,
+/// and by how much they may differ follows from V alone (Hausman, "Specification tests in econometrics",
+/// 1978); and what the generalised fit leaves, r'V⁻¹r, is as large as its freedom.
 struct Disagreement {
   double chi2 = 0.0;
   int freedom = 0;
+  double rest_chi2 = 0.0;
+  int rest_freedom = 0;
 };
 /// Of the first 6 unknowns, a pose; the others (scales) are known to `other_sigmas`.
 Disagreement disagreement(const PatchSystem& patches, const Eigen::VectorXd& other_sigmas);

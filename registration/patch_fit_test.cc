@@ -57,7 +57,7 @@ double at_teeth2(const Vector6& xi) {
 }
 
 struct Trials {
-  double ordinary_mm = 0, generalised_mm = 0, nees = 0, disagreement = 0;
+  double ordinary_mm = 0, generalised_mm = 0, nees = 0, disagreement = 0, rest = 0;
 };
 
 Trials run(int count, double bent_mm, std::uint64_t seed) {
@@ -77,11 +77,12 @@ Trials run(int count, double bent_mm, std::uint64_t seed) {
     t.nees += xi.dot(s.information * xi) / 6 / count;
     const Disagreement d = disagreement(patches, {});
     t.disagreement += d.chi2 / d.freedom / count;
+    t.rest += d.rest_chi2 / d.rest_freedom / count;
   }
   t.generalised_mm = std::sqrt(t.generalised_mm);
   t.ordinary_mm = std::sqrt(t.ordinary_mm);
-  std::printf("ordinary %.4f mm, generalised %.4f mm, NEES/6 %.2f, disagreement %.2f\n", t.ordinary_mm,
-              t.generalised_mm, t.nees, t.disagreement);
+  std::printf("ordinary %.4f mm, generalised %.4f mm, NEES/6 %.2f, disagreement %.2f, rest %.2f\n",
+              t.ordinary_mm, t.generalised_mm, t.nees, t.disagreement, t.rest);
   return t;
 }
 
@@ -93,10 +94,15 @@ TEST(PatchFit, HalvesTheErrorOfCorrelatedNoiseAndSaysHowGoodItIs) {
   EXPECT_LT(t.nees, 1.5);
   EXPECT_GT(t.disagreement, 0.5);
   EXPECT_LT(t.disagreement, 1.8);
+  EXPECT_GT(t.rest, 0.7);
+  EXPECT_LT(t.rest, 1.1);
 }
 
 TEST(PatchFit, BentPlatesAreNoNoise) {
-  EXPECT_GT(run(10, 0.15, 20261124).disagreement, 3.0);
+  // Either tells: ordinary fits of slightly bent plates are still right within their own large error.
+  const Trials slightly = run(10, 0.15, 20261124), much = run(10, 0.6, 20261124);
+  EXPECT_GT(slightly.rest, 1.3);
+  EXPECT_GT(much.disagreement, 3.5);
 }
 
 }  // namespace
