@@ -11,6 +11,7 @@ namespace {
 
 constexpr std::size_t kMaxPatches = 700;   // a Cholesky factor of as many takes 50 ms
 constexpr double kPatchOfRange = 1.0 / 3;  // correlated error changes by a twentieth over it
+constexpr double kTooRare = 1e-3;          // models that explain less of the correlated variance than that
 constexpr double kLeastOwn = 0.01;  // of the correlated variance that each patch has to itself at least
 
 struct Patch {
@@ -60,20 +61,23 @@ Eigen::MatrixXd covariance_of(const std::vector<Patch>& patches, const ResidualN
     normal.col(i) = p.normals / p.weight;
   }
   std::map<std::pair<double, bool>, double> variances;
+  const double correlated = noise.correlated_sigma_mm() * noise.correlated_sigma_mm();
   for (const ResidualNoise::Model& m : noise.models)
     variances[{m.length_mm, m.vector_field}] += m.probability * m.correlated_sigma_mm * m.correlated_sigma_mm;
   Eigen::MatrixXd v = Eigen::MatrixXd::Zero(n, n);
   for (long k = 0; k < n; ++k) {
-    const Eigen::VectorXd distance2 = (at.colwise() - at.col(k)).colwise().squaredNorm();
-    const Eigen::VectorXd cosine = normal.transpose() * normal.col(k);
+    const long below = n - k;
+    const Eigen::ArrayXd distance2 =
+        (at.rightCols(below).colwise() - at.col(k)).colwise().squaredNorm().transpose().array();
+    const Eigen::ArrayXd cosine = (normal.rightCols(below).transpose() * normal.col(k)).array();
     for (const auto& [kind, variance] : variances) {
-      const Eigen::VectorXd alike =
-          variance * (-distance2 / (2.0 * kind.first * kind.first)).array().exp().matrix();
-      v.col(k) += kind.second ? Eigen::VectorXd(alike.cwiseProduct(cosine)) : alike;
+      if (variance < kTooRare * correlated) continue;
+      const Eigen::ArrayXd alike = variance * (-distance2 / (2.0 * kind.first * kind.first)).exp();
+      v.col(k).tail(below).array() += kind.second ? Eigen::ArrayXd(alike * cosine) : alike;
     }
   }
+  v.triangularView<Eigen::StrictlyUpper>() = v.transpose();
   const double white = noise.white_sigma_mm() * noise.white_sigma_mm();
-  const double correlated = noise.correlated_sigma_mm() * noise.correlated_sigma_mm();
   for (long k = 0; k < n; ++k)
     v(k, k) += white / patches[static_cast<std::size_t>(k)].weight + kLeastOwn * correlated + 1e-12;
   return v;

@@ -53,7 +53,7 @@ struct PlateauOptions {
   double rest_min_s = 0.3;
   /// Error that the frames of a plateau share and averaging does not lower (bow and lens calibration, the
   /// bite itself): added to each plateau's covariance.
-  double floor_mm = 0.003, floor_deg = 0.002;
+  double floor_mm = 0.0055, floor_deg = 0.004;
 };
 
 struct JawPositions {
