@@ -1,13 +1,14 @@
 // The chain's errors and forecasts on many virtual patients.
 //
-//   chain_campaign [--first SEED] [--seeds N] [--anatomies N] [--repeats N] [--open] [--film]
+//   chain_campaign [--first SEED] [--seeds N] [--anatomies N] [--repeats N] [--clutches N] [--open]
+//                  [--film]
 //
 // For each seed: scans with fresh poses, noise, scale signs, holes and soft-tissue shift; T_D, T_F, T, T_B
 // and T_th by the face scans against the truth, at the patient's own TP (2–5° of opening), with --open at
 // 25°. Anatomies (jaws, face, bow, seat) take longest to make and are shared by neighbouring seeds. --repeats
-// N: N face scans in MI, N in TP and N clutch scans go into the one problem. --film: the camera route, too,
-// from the pixels of a filmed session (chain_campaign_film.h), and both routes fused; T_D is that of the
-// scans.
+// N: N face scans in MI, N in TP and N clutch scans (or --clutches) go into the one problem. --film: the
+// camera route, too, from the pixels of a filmed session (chain_campaign_film.h), and both routes fused; T_D
+// is that of the scans.
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
@@ -39,7 +40,7 @@ constexpr double kChi2_6_95 = 12.591587243743977;
 
 struct Options {
   std::uint64_t first = 7001;
-  int seeds = 10, anatomies = 2, repeats = 1;
+  int seeds = 10, anatomies = 2, repeats = 1, clutches = 0;
   bool open = false, film = false;
 };
 
@@ -168,7 +169,7 @@ class Campaign {
     scans.mandible_mi = simulate_phantom_scan(patient_, poses, PhantomScanKind::kMandibleMi, seed);
     scans.bow_model = patient_.bow.surface;
     scans.head_frame_model = patient_.head_frame.surface;
-    for (int k = 0; k < options_.repeats; ++k) repeat(poses, seed, k, scans);
+    for (int k = 0; k < std::max(options_.repeats, options_.clutches); ++k) repeat(poses, seed, k, scans);
     const auto start = std::chrono::steady_clock::now();
     ChainOptions chain_options;
     chain_options.seed = seed;
@@ -199,10 +200,13 @@ class Campaign {
       noise = seed + 1000003u * static_cast<std::uint64_t>(k);
       at = phantom_scan_poses(noise);
     }
-    scans.clutch_scans.push_back(
-        simulate_phantom_scan(patient_, at, PhantomScanKind::kMandibleClutch, noise));
-    scans.faces_mi.push_back(simulate_phantom_scan(patient_, at, PhantomScanKind::kFaceMi, noise));
-    scans.faces_tp.push_back(simulate_phantom_scan(patient_, at, PhantomScanKind::kFaceTp, noise));
+    const auto scan = [&](PhantomScanKind kind) {
+      return simulate_phantom_scan(patient_, at, kind, noise, seed);
+    };
+    if (k < options_.clutches) scans.clutch_scans.push_back(scan(PhantomScanKind::kMandibleClutch));
+    if (k >= options_.repeats) return;
+    scans.faces_mi.push_back(scan(PhantomScanKind::kFaceMi));
+    scans.faces_tp.push_back(scan(PhantomScanKind::kFaceTp));
   }
 
   void tell(const Chain& chain, const PhantomTruth& truth) {
@@ -255,7 +259,7 @@ class Campaign {
         "{} seeds from {}, {} anatomies, {} face scan(s) in MI, {} in TP, {} clutch scan(s), TP {}; {} "
         "refused\n\n",
         options_.seeds, options_.first, options_.anatomies, options_.repeats, options_.repeats,
-        options_.repeats, options_.open ? "at 25° of opening" : "at 2–5° of opening", refused_);
+        options_.clutches, options_.open ? "at 25° of opening" : "at 2–5° of opening", refused_);
     fmt::print(
         "| pose | n | teeth RMS mm | worst tooth RMS mm | worst tooth p95 mm | angle RMS deg | NEES/6 | in "
         "95 % ellipsoid, % |\n"
@@ -300,10 +304,13 @@ int main(int argc, char** argv) {
       o.anatomies = static_cast<int>(value);
     } else if (name == "--repeats") {
       o.repeats = static_cast<int>(value);
+    } else if (name == "--clutches") {
+      o.clutches = static_cast<int>(value);
     } else {
       std::fprintf(stderr, "unknown option %s\n", name.c_str());
       return 2;
     }
   }
+  if (o.clutches == 0) o.clutches = o.repeats;
   return gnathion::Campaign(o).run();
 }

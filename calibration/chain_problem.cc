@@ -190,8 +190,10 @@ void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
   constexpr double kContradicts = 3.0, kUnexplained = 1.2;
   std::vector<Disagreement> apart(problem.terms.size());
   tbb::parallel_for(std::size_t{0}, apart.size(), [&](std::size_t i) {
-    const SurfaceTerm& term = problem.terms[i];
-    if (term.rigid) apart[i] = disagreement_of(term, pose_of(term, poses), problem.scale_sigmas);
+    SurfaceTerm& term = problem.terms[i];
+    if (!term.rigid) return;
+    term.patches = std::make_shared<PatchModel>(term.pairs, term.noise);
+    apart[i] = disagreement_of(term, pose_of(term, poses), problem.scale_sigmas);
   });
   std::map<int, Disagreement> pools;
   for (std::size_t i = 0; i < apart.size(); ++i) {
@@ -211,18 +213,33 @@ void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
 }
 
 std::vector<double> weights_of(const std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>& poses) {
-  std::vector<double> weights;
-  for (const SurfaceTerm& term : terms) {
+  std::vector<double> weights(terms.size());
+  tbb::parallel_for(std::size_t{0}, terms.size(), [&](std::size_t i) {
+    const SurfaceTerm& term = terms[i];
     const Rigid3 x = pose_of(term, poses);
-    weights.push_back(term.generalised ? 1.0 / term.widened
-                                       : score_weight(score_of(term, x), score_noise(term, x)));
-  }
+    weights[i] =
+        term.generalised ? 1.0 / term.widened : score_weight(score_of(term, x), score_noise(term, x));
+  });
   return weights;
+}
+
+/// M of each term.
+std::vector<Eigen::MatrixXd> noises_at(const std::vector<SurfaceTerm>& terms, const ChainSolution& at,
+                                       const std::vector<TermScore>& scores) {
+  std::vector<Eigen::MatrixXd> noises(terms.size());
+  tbb::parallel_for(std::size_t{0}, terms.size(), [&](std::size_t i) {
+    if (terms[i].generalised)
+      noises[i] = terms[i].widened * scores[i].information;
+    else
+      noises[i] = score_noise(terms[i], pose_of(terms[i], at.poses));
+  });
+  return noises;
 }
 
 /// Σ λ²M over all unknowns: the covariance of the joint score.
 Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at,
-                            const std::vector<double>& weights) {
+                            const std::vector<TermScore>& scores) {
+  const std::vector<Eigen::MatrixXd> noises = noises_at(problem.terms, at, scores);
   const auto pose_rows = static_cast<long>(6 * problem.poses.size());
   const long n = pose_rows + static_cast<long>(problem.scale_sigmas.size());
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
@@ -245,11 +262,7 @@ Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at
     if (term.left) map.block<6, 6>(0, 6 * *term.left) = -by_right;
     for (std::size_t k = 0; k < scanners.size(); ++k)
       map(6 + static_cast<long>(k), pose_rows + scanners[k]) = 1.0;
-    const Rigid3 x = pose_of(term, at.poses);
-    const Eigen::MatrixXd noise =
-        term.generalised ? Eigen::MatrixXd(term.widened * generalised_score_of(term, x).information)
-                         : score_noise(term, x);
-    sum += weights[i] * weights[i] * map.transpose() * noise * map;
+    sum += scores[i].weight * scores[i].weight * map.transpose() * noises[i] * map;
   }
   return sum;
 }
@@ -312,6 +325,7 @@ Result<ChainSolution> solve_poses(ChainProblem& problem) {
   solution.poses = problem.poses;
   solution.scales.assign(problem.scale_sigmas.size(), 0.0);
   for (SurfaceTerm& term : problem.terms) {
+    term.patches.reset();
     term.generalised = false;
     term.widened = 1.0;
   }
@@ -324,11 +338,12 @@ Result<ChainSolution> solve_poses(ChainProblem& problem) {
 
   GNATHION_CHECK_OK(associate_all(problem.terms, solution));
   for (SurfaceTerm& term : problem.terms) describe(term, solution.poses);
-  JointProblem joint(problem, solution, scores_at(problem.terms, solution, weights));
+  const std::vector<TermScore> scores = scores_at(problem.terms, solution, weights);
+  JointProblem joint(problem, solution, scores);
   GNATHION_TRY(const Eigen::MatrixXd bread, inverse_of(joint.information(), problem));
   const auto pose_rows = static_cast<long>(6 * problem.poses.size());
   const Eigen::MatrixXd poses =
-      (bread * joint_noise(problem, solution, weights) * bread).topLeftCorner(pose_rows, pose_rows);
+      (bread * joint_noise(problem, solution, scores) * bread).topLeftCorner(pose_rows, pose_rows);
   solution.covariance = 0.5 * (poses + poses.transpose());
   return solution;
 }

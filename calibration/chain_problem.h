@@ -18,12 +18,14 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "core/mesh_query.h"
 #include "core/result.h"
+#include "registration/patch_fit.h"
 #include "registration/residual_noise.h"
 #include "registration/robust_icp.h"
 #include "registration/surface_samples.h"
@@ -59,6 +61,7 @@ struct SurfaceTerm {
   std::vector<PlanePair> pairs;
   double scale_mm = 0.0;
   ResidualNoise noise;
+  std::shared_ptr<const PatchModel> patches;
   bool generalised = false;
   double widened = 1.0;  ///< of the noise's variance, ≥ 1
   double rms_mm = 0.0, held_out_mm = 0.0;

@@ -20,18 +20,22 @@ constexpr double kOffBow_mm = 4.0;      // and beyond this it is not
 constexpr double kRigidHead_mm = 0.04;  // soft tissue that shifts more is not head
 constexpr std::size_t kPointsPerTerm = 6000;
 
-/// Distance of each triangle's centre to a surface under a pose; `far_mm` where there is none nearer.
+/// Distance of each triangle to a surface under a pose, its corners' mean; `far_mm` where there is none
+/// nearer.
 std::vector<double> distances_to(const TriangleMesh& mesh, const MeshQuery& surface,
                                  const Rigid3& surface_from_mesh, double far_mm) {
-  std::vector<Vector3> centres;
-  centres.reserve(mesh.triangles.size());
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
-    centres.push_back(surface_from_mesh *
-                      ((mesh.corner(t, 0) + mesh.corner(t, 1) + mesh.corner(t, 2)) / 3.0));
-  std::vector<double> out(centres.size(), far_mm);
-  const std::vector<ClosestHit> hits = closest_points(surface, centres, far_mm);
-  for (std::size_t t = 0; t < out.size(); ++t)
-    if (hits[t].triangle != ClosestHit::kNoTriangle) out[t] = std::abs(hits[t].distance_mm);
+  std::vector<Vector3> corners;
+  corners.reserve(mesh.vertices_mm.size());
+  for (const Vector3& v : mesh.vertices_mm) corners.push_back(surface_from_mesh * v);
+  const std::vector<ClosestHit> hits = closest_points(surface, corners, far_mm);
+  std::vector<double> out(mesh.triangles.size(), 0.0);
+  for (std::size_t t = 0; t < out.size(); ++t) {
+    for (const std::uint32_t v : mesh.triangles[t]) {
+      const bool near = hits[v].triangle != ClosestHit::kNoTriangle;
+      out[t] += near ? std::abs(hits[v].distance_mm) : far_mm;
+    }
+    out[t] /= 3.0;
+  }
   return out;
 }
 
@@ -101,7 +105,7 @@ SurfaceTerm term_of(std::string name, const ChainSurface& scan, const std::vecto
                     const ChainSurface& surface, Onto onto, ChainNoisePool pool, std::uint64_t seed) {
   SurfaceTerm term;
   term.name = std::move(name);
-  term.surface = &surface.query;
+  term.surface = &*surface.query;
   term.scanner = scanner;
   term.scale_centre_mm = scan.centre_mm;
   term.noise_pool = pool;
@@ -131,9 +135,10 @@ class Registrar {
       head_frame_ = surface_of(scans.head_frame_model);
   }
 
-  /// The bow in the first scan of each kind. These searches do not hang together, and run side by side.
-  Status find_bow_in_all();
-  Status add_clutch_scans();
+  /// The bow in the first scan of each kind, and its repeats on it. These searches do not hang together, and
+  /// run side by side.
+  Status search_all();
+  void add_clutch_scans();
   Status add_face_scans();
   ChainStart done() { return std::move(start_); }
 
@@ -163,11 +168,12 @@ class Registrar {
   Result<Face> find_bow(const TriangleMesh& scan, const std::string& name) const;
   Result<std::vector<Rigid3>> on_the_first(const std::vector<TriangleMesh>& scans, const std::string& name,
                                            std::uint64_t seed) const;
-  Status find_head_between(const Face& mi, const Face& tp, const Rigid3& guess, Rigid3* face_mi_from_tp);
+  Result<Rigid3> find_head_between(const Face& mi, const Face& tp, const Rigid3& guess) const;
+  Result<Rigid3> find_head_frame() const;
   void add_face_terms(const Face& face, int head_from_face, int head_from_bow, const std::string& position);
   void add_head_term(const Face& face, int head_from_face, const std::string& name);
-  Status add_repeats(const std::vector<TriangleMesh>& scans, int first_unknown, int head_from_bow,
-                     const char* position);
+  void add_repeats(const std::vector<TriangleMesh>& scans, const std::vector<Rigid3>& on_first,
+                   int first_unknown, int head_from_bow, const char* position);
 
   const ChainScans& scans_;
   std::uint64_t seed_;
@@ -176,21 +182,31 @@ class Registrar {
   const ChainSurface *mandible_ = nullptr, *bow_ = nullptr, *head_frame_ = nullptr;
   Clutch first_clutch_;
   Face first_face_, first_face_tp_;
+  std::vector<Rigid3> clutches_on_first_, faces_mi_on_first_, faces_tp_on_first_;
 };
 
 void Registrar::build_surfaces() {
-  std::vector<const TriangleMesh*> meshes = {&scans_.mandible_mi, &scans_.bow_model};
-  if (!scans_.faces_mi.empty()) meshes.push_back(&scans_.head_frame_model);
-  for (const auto* scans : {&scans_.clutch_scans, &scans_.faces_mi, &scans_.faces_tp})
-    for (const TriangleMesh& scan : *scans) meshes.push_back(&scan);
+  std::vector<std::pair<const TriangleMesh*, Role>> meshes;
+  for (const TriangleMesh* model : {&scans_.mandible_mi, &scans_.bow_model, &scans_.head_frame_model})
+    if (!model->empty()) meshes.emplace_back(model, Role::kTarget);
+  const auto add = [&](const std::vector<TriangleMesh>& scans, Role first) {
+    for (const TriangleMesh& scan : scans)
+      meshes.emplace_back(&scan, &scan == &scans.front() ? first : Role::kSought);
+  };
+  add(scans_.clutch_scans, scans_.clutch_scans.size() > 1 ? Role::kTarget : Role::kSought);
+  add(scans_.faces_mi, Role::kTarget);
+  add(scans_.faces_tp, Role::kTarget);
   start_.surfaces.resize(meshes.size());
-  tbb::parallel_for(std::size_t{0}, meshes.size(),
-                    [&](std::size_t i) { start_.surfaces[i] = std::make_unique<ChainSurface>(*meshes[i]); });
+  tbb::parallel_for(std::size_t{0}, meshes.size(), [&](std::size_t i) {
+    start_.surfaces[i] = std::make_unique<ChainSurface>(*meshes[i].first, meshes[i].second);
+  });
 }
 
-Status Registrar::find_bow_in_all() {
+Status Registrar::search_all() {
+  using Poses = Result<std::vector<Rigid3>>;
   Result<Clutch> clutch;
   Result<Face> mi, tp;
+  Poses clutches, faces_mi, faces_tp;
   const bool faces = !scans_.faces_mi.empty();
   tbb::parallel_invoke([&] { clutch = find_clutch(scans_.clutch_scans.front()); },
                        [&] {
@@ -198,20 +214,27 @@ Status Registrar::find_bow_in_all() {
                        },
                        [&] {
                          if (faces) tp = find_bow(scans_.faces_tp.front(), "face scan in TP");
-                       });
+                       },
+                       [&] { clutches = on_the_first(scans_.clutch_scans, "clutch scan {}", seed_); },
+                       [&] { faces_mi = on_the_first(scans_.faces_mi, "face scan {} in MI", seed_ + 40); },
+                       [&] { faces_tp = on_the_first(scans_.faces_tp, "face scan {} in TP", seed_ + 40); });
   GNATHION_TRY(first_clutch_, std::move(clutch));
   GNATHION_TRY(first_face_, std::move(mi));
   GNATHION_TRY(first_face_tp_, std::move(tp));
+  GNATHION_TRY(clutches_on_first_, std::move(clutches));
+  GNATHION_TRY(faces_mi_on_first_, std::move(faces_mi));
+  GNATHION_TRY(faces_tp_on_first_, std::move(faces_tp));
   return {};
 }
 
 /// Further scans resemble the first of their kind in all parts.
 Result<std::vector<Rigid3>> Registrar::on_the_first(const std::vector<TriangleMesh>& scans,
                                                     const std::string& name, std::uint64_t seed) const {
+  if (scans.size() < 2) return std::vector<Rigid3>(scans.size());
   std::vector<Result<Rigid3>> found(scans.size());
   const ChainSurface& first = *surface_of(scans.front());
   tbb::parallel_for(std::size_t{1}, scans.size(), [&](std::size_t i) {
-    found[i] = locate({&scans[i], all_of(scans[i])}, {&first.mesh, all_of(first.mesh)}, first.query,
+    found[i] = locate({&scans[i], all_of(scans[i])}, {&first.mesh, all_of(first.mesh)}, *first.query,
                       coarse(fmt::format(fmt::runtime(name), i + 1) + " on the first", 0.6, seed + i));
   });
   std::vector<Rigid3> first_from_scan;
@@ -224,27 +247,24 @@ Result<std::vector<Rigid3>> Registrar::on_the_first(const std::vector<TriangleMe
 Result<Registrar::Clutch> Registrar::find_clutch(const TriangleMesh& scan) const {
   Clutch clutch;
   GNATHION_TRY(clutch.mandible_from_clutch,
-               locate({&scan, all_of(scan)}, {&mandible_->mesh, all_of(mandible_->mesh)}, mandible_->query,
+               locate({&scan, all_of(scan)}, {&mandible_->mesh, all_of(mandible_->mesh)}, *mandible_->query,
                       coarse("clutch scan on lower arch", 0.5, seed_)));
   const std::vector<bool> not_teeth =
-      where(distances_to(scan, mandible_->query, clutch.mandible_from_clutch, 5.0), 0.5, 5.0);
+      where(distances_to(scan, *mandible_->query, clutch.mandible_from_clutch, 5.0), 0.5, 5.0);
   GNATHION_TRY(clutch.bow_from_clutch, locate({&scan, not_teeth}, {&bow_->mesh, all_of(bow_->mesh)},
-                                              bow_->query, coarse("clutch scan on bow", 0.7, seed_)));
+                                              *bow_->query, coarse("clutch scan on bow", 0.7, seed_)));
   return clutch;
 }
 
 /// T_D: each clutch scan's teeth on the lower arch, the rest of it on the bow.
-Status Registrar::add_clutch_scans() {
+void Registrar::add_clutch_scans() {
   const ChainUnknowns& u = start_.unknowns;
   const Clutch& first = first_clutch_;
   pose(u.t_d) = first.bow_from_clutch * first.mandible_from_clutch.inverse();
-  GNATHION_TRY(const std::vector<Rigid3> on_first,
-               on_the_first(scans_.clutch_scans, "clutch scan {}", seed_));
   for (std::size_t i = 0; i < scans_.clutch_scans.size(); ++i) {
-    pose(u.first_clutch + static_cast<int>(i)) = first.bow_from_clutch * on_first[i];
+    pose(u.first_clutch + static_cast<int>(i)) = first.bow_from_clutch * clutches_on_first_[i];
     add_clutch_terms(*surface_of(scans_.clutch_scans[i]), i);
   }
-  return {};
 }
 
 void Registrar::add_clutch_terms(const ChainSurface& clutch, std::size_t index) {
@@ -253,8 +273,8 @@ void Registrar::add_clutch_terms(const ChainSurface& clutch, std::size_t index) 
   const std::size_t count = scans_.clutch_scans.size();
   const Rigid3& on_bow = pose(unknown);
   const std::vector<double> off_teeth =
-      distances_to(clutch.mesh, mandible_->query, pose(u.t_d).inverse() * on_bow, 5.0);
-  const std::vector<double> off_bow = distances_to(clutch.mesh, bow_->query, on_bow, 5.0);
+      distances_to(clutch.mesh, *mandible_->query, pose(u.t_d).inverse() * on_bow, 5.0);
+  const std::vector<double> off_bow = distances_to(clutch.mesh, *bow_->query, on_bow, 5.0);
   std::vector<bool> teeth = where(off_teeth, 0.0, 0.4), bow_part = where(off_bow, 0.0, 0.4);
   for (std::size_t t = 0; t < teeth.size(); ++t) {
     // Where clutch and teeth meet, the nearer one has it, and what could be either has none.
@@ -280,24 +300,27 @@ Result<Registrar::Face> Registrar::find_bow(const TriangleMesh& scan, const std:
   Face face;
   face.surface = surface_of(scan);
   GNATHION_TRY(const Rigid3 found, locate({&bow_->mesh, all_of(bow_->mesh)}, {&scan, all_of(scan)},
-                                          face.surface->query, coarse("bow in " + name, 0.4, seed_ + 10)));
+                                          *face.surface->query, coarse("bow in " + name, 0.4, seed_ + 10)));
   face.bow_from_face = found.inverse();
-  face.to_bow_mm = distances_to(scan, bow_->query, face.bow_from_face, kOffBow_mm);
+  face.to_bow_mm = distances_to(scan, *bow_->query, face.bow_from_face, kOffBow_mm);
   face.off_bow = where(face.to_bow_mm, kOffBow_mm, kOffBow_mm);
   return face;
 }
 
 /// All that is rigid in both scans and not bow. `guess`: the jaw has hardly moved.
-Status Registrar::find_head_between(const Face& mi, const Face& tp, const Rigid3& guess,
-                                    Rigid3* face_mi_from_tp) {
+Result<Rigid3> Registrar::find_head_between(const Face& mi, const Face& tp, const Rigid3& guess) const {
   const SearchSurface source{&tp.surface->mesh, tp.off_bow}, target{&mi.surface->mesh, mi.off_bow};
-  if (const auto near = locate_near(source, target, mi.surface->query, guess, seed_ + 30)) {
-    *face_mi_from_tp = *near;
-    return {};
-  }
-  GNATHION_TRY(*face_mi_from_tp,
-               locate(source, target, mi.surface->query, coarse("head between face scans", 0.6, seed_ + 30)));
-  return {};
+  if (const auto near = locate_near(source, target, *mi.surface->query, guess, seed_ + 30)) return *near;
+  return locate(source, target, *mi.surface->query, coarse("head between face scans", 0.6, seed_ + 30));
+}
+
+/// head_from_face of the first face scan, by the head frame's model.
+Result<Rigid3> Registrar::find_head_frame() const {
+  const ChainSurface& mi = *first_face_.surface;
+  GNATHION_TRY(const Rigid3 frame,
+               locate({&head_frame_->mesh, all_of(head_frame_->mesh)}, {&mi.mesh, first_face_.off_bow},
+                      *mi.query, coarse("head frame in face scan in MI", 0.4, seed_ + 31)));
+  return frame.inverse();
 }
 
 /// Bow and head frame in one face scan whose poses are known roughly.
@@ -314,7 +337,7 @@ void Registrar::add_face_terms(const Face& face, int head_from_face, int head_fr
   terms().back().left = head_from_bow;
   if (head_frame_ == nullptr) return;
   const std::vector<double> to_frame_mm =
-      distances_to(face.surface->mesh, head_frame_->query, pose(head_from_face), kOffBow_mm);
+      distances_to(face.surface->mesh, *head_frame_->query, pose(head_from_face), kOffBow_mm);
   add("head frame", *head_frame_, to_frame_mm);
 }
 
@@ -333,10 +356,8 @@ void Registrar::add_head_term(const Face& face, int head_from_face, const std::s
 }
 
 /// Further scans of one jaw position, on the first of it.
-Status Registrar::add_repeats(const std::vector<TriangleMesh>& scans, int first_unknown, int head_from_bow,
-                              const char* position) {
-  GNATHION_TRY(const std::vector<Rigid3> on_first,
-               on_the_first(scans, fmt::format("face scan {{}} in {}", position), seed_ + 40));
+void Registrar::add_repeats(const std::vector<TriangleMesh>& scans, const std::vector<Rigid3>& on_first,
+                            int first_unknown, int head_from_bow, const char* position) {
   for (std::size_t i = 1; i < scans.size(); ++i) {
     const std::string name = fmt::format("face scan {} in {}", i + 1, position);
     Face face;
@@ -344,33 +365,27 @@ Status Registrar::add_repeats(const std::vector<TriangleMesh>& scans, int first_
     const int unknown = first_unknown + static_cast<int>(i);
     pose(unknown) = pose(first_unknown) * on_first[i];
     face.bow_from_face = pose(head_from_bow).inverse() * pose(unknown);
-    face.to_bow_mm = distances_to(scans[i], bow_->query, face.bow_from_face, kOffBow_mm);
+    face.to_bow_mm = distances_to(scans[i], *bow_->query, face.bow_from_face, kOffBow_mm);
     face.off_bow = where(face.to_bow_mm, kOffBow_mm, kOffBow_mm);
     add_face_terms(face, unknown, head_from_bow, name);
     if (head_frame_ == nullptr) add_head_term(face, unknown, "head of " + name);
   }
-  return {};
 }
 
 Status Registrar::add_face_scans() {
   const ChainUnknowns& u = start_.unknowns;
   const Face& tp = first_face_tp_;
   const Rigid3 &t_f = first_face_.bow_from_face, &t_f_tp = tp.bow_from_face;
-  Rigid3 face_mi_from_tp;
-  GNATHION_CHECK_OK(find_head_between(first_face_, tp, t_f.inverse() * t_f_tp, &face_mi_from_tp));
-
-  Rigid3 head_from_face;
-  if (head_frame_ != nullptr) {
-    const ChainSurface& mi = *first_face_.surface;
-    GNATHION_TRY(const Rigid3 frame,
-                 locate({&head_frame_->mesh, all_of(head_frame_->mesh)}, {&mi.mesh, first_face_.off_bow},
-                        mi.query, coarse("head frame in face scan in MI", 0.4, seed_ + 31)));
-    head_from_face = frame.inverse();
-  } else if (tracked_) {
-    head_from_face = tracked_->head_from_bow_mi.value.rigid * t_f;
-  } else {
+  Result<Rigid3> between, frame;
+  tbb::parallel_invoke([&] { between = find_head_between(first_face_, tp, t_f.inverse() * t_f_tp); },
+                       [&] {
+                         if (head_frame_ != nullptr) frame = find_head_frame();
+                       });
+  GNATHION_TRY(const Rigid3 face_mi_from_tp, std::move(between));
+  GNATHION_TRY(Rigid3 head_from_face, std::move(frame));
+  if (head_frame_ == nullptr && tracked_) head_from_face = tracked_->head_from_bow_mi.value.rigid * t_f;
+  if (head_frame_ == nullptr && !tracked_)
     start_.problem.fixed[static_cast<std::size_t>(u.first_face_mi)] = true;
-  }
   pose(u.first_face_mi) = head_from_face;
   pose(u.first_face_tp) = head_from_face * face_mi_from_tp;
   pose(u.head_from_bow_mi) = pose(u.first_face_mi) * t_f.inverse();
@@ -379,8 +394,8 @@ Status Registrar::add_face_scans() {
   add_face_terms(first_face_, u.first_face_mi, u.head_from_bow_mi, "face scan in MI");
   add_face_terms(tp, u.first_face_tp, u.head_from_bow_tp, "face scan in TP");
   if (head_frame_ == nullptr) add_head_term(tp, u.first_face_tp, "head between face scans");
-  GNATHION_CHECK_OK(add_repeats(scans_.faces_mi, u.first_face_mi, u.head_from_bow_mi, "MI"));
-  GNATHION_CHECK_OK(add_repeats(scans_.faces_tp, u.first_face_tp, u.head_from_bow_tp, "TP"));
+  add_repeats(scans_.faces_mi, faces_mi_on_first_, u.first_face_mi, u.head_from_bow_mi, "MI");
+  add_repeats(scans_.faces_tp, faces_tp_on_first_, u.first_face_tp, u.head_from_bow_tp, "TP");
   if (tracked_) {
     start_.problem.known.push_back(
         {u.head_from_bow_mi, tracked_->head_from_bow_mi.value.rigid, tracked_->head_from_bow_mi.covariance});
@@ -407,8 +422,8 @@ ChainUnknowns unknowns_of(const ChainScans& scans) {
 Result<ChainStart> register_scans(const ChainScans& scans, const ChainOptions& options, Progress& progress) {
   progress.begin_step("teeth, clutch and bow in the scans", 0.5);
   Registrar registrar(scans, options);
-  GNATHION_CHECK_OK(registrar.find_bow_in_all());
-  GNATHION_CHECK_OK(registrar.add_clutch_scans());
+  GNATHION_CHECK_OK(registrar.search_all());
+  registrar.add_clutch_scans();
   if (!scans.faces_mi.empty()) {
     progress.begin_step("head in the face scans", 0.2);
     GNATHION_CHECK_OK(registrar.add_face_scans());

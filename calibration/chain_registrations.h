@@ -11,12 +11,17 @@
 
 namespace gnathion {
 
-/// A surface with its distance queries and the centre about which its scale error acts.
+/// Whether other scans are brought onto a surface: queries take long to build.
+enum class Role { kSought, kTarget };
+
+/// A surface, its distance queries if it is a target, and the centre about which its scale error acts.
 struct ChainSurface {
   const TriangleMesh& mesh;
-  MeshQuery query;
   Vector3 centre_mm;
-  explicit ChainSurface(const TriangleMesh& m) : mesh(m), query(m), centre_mm(surface_centroid_mm(m)) {}
+  std::optional<MeshQuery> query;
+  ChainSurface(const TriangleMesh& m, Role role) : mesh(m), centre_mm(surface_centroid_mm(m)) {
+    if (role == Role::kTarget) query.emplace(m);
+  }
 };
 
 /// Unknowns: T_D; bow_from_clutch of each clutch scan; head_from_face of each face scan, MI first; with faces

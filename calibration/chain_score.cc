@@ -70,15 +70,15 @@ TermScore score_at(const SurfaceTerm& term, const Rigid3& pose) {
   return s;
 }
 
-PatchSystem patches_of(const SurfaceTerm& term, const Rigid3& pose) {
-  return patches_of(term.pairs, pose, rows_of(term, pose, scanners_of(term)), term.noise);
+ScoreRows rows_of(const SurfaceTerm& term, const Rigid3& pose) {
+  return rows_of(term, pose, scanners_of(term));
 }
 
 }  // namespace
 
 TermScore generalised_score_of(const SurfaceTerm& term, const Rigid3& pose) {
   TermScore s = score_at(term, pose);
-  GeneralisedScore score = generalised_score(patches_of(term, pose));
+  GeneralisedScore score = term.patches->score(term.pairs, pose, rows_of(term, pose));
   s.information = std::move(score.information);
   s.score = std::move(score.score);
   s.weight = 1.0 / term.widened;
@@ -91,7 +91,7 @@ Disagreement disagreement_of(const SurfaceTerm& term, const Rigid3& pose,
   Eigen::VectorXd sigmas(static_cast<long>(scanners.size()));
   for (std::size_t k = 0; k < scanners.size(); ++k)
     sigmas[static_cast<long>(k)] = scale_sigmas[static_cast<std::size_t>(scanners[k])];
-  return disagreement(patches_of(term, pose), sigmas);
+  return term.patches->disagreement(term.pairs, pose, rows_of(term, pose), sigmas);
 }
 
 TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {

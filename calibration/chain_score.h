@@ -4,7 +4,6 @@
 #include <ceres/sized_cost_function.h>
 
 #include "calibration/chain_problem.h"
-#include "registration/patch_fit.h"
 
 namespace gnathion {
 
@@ -27,7 +26,7 @@ TermScore score_of(const SurfaceTerm& term, const Rigid3& pose);
 Eigen::MatrixXd score_noise(const SurfaceTerm& term, const Rigid3& pose);
 /// The same two as generalised least squares has them, λ = 1/widened; M = widened·H.
 TermScore generalised_score_of(const SurfaceTerm& term, const Rigid3& pose);
-/// Of the two ways, scales known to `scale_sigmas` (by scanner).
+/// Of the two ways, for a term that has its patches; scales known to `scale_sigmas` (by scanner).
 Disagreement disagreement_of(const SurfaceTerm& term, const Rigid3& pose,
                              const std::vector<double>& scale_sigmas);
 /// λ = 6/tr(H⁻¹M) over the pose.

@@ -107,29 +107,31 @@ const char* file_stem(PhantomScanKind kind) {
 }
 
 TriangleMesh simulate_phantom_scan(const PhantomPatient& patient, const PhantomScanPoses& poses,
-                                   PhantomScanKind kind, std::uint64_t seed) {
+                                   PhantomScanKind kind, std::uint64_t seed,
+                                   std::optional<std::uint64_t> scanner_seed) {
+  const std::uint64_t scanner = scanner_seed.value_or(seed);
   Random random(seed, 0x5CA0 + static_cast<std::uint64_t>(kind));
   const Vector3 up = Vector3::UnitZ();
   const PhantomJaws& jaws = patient.jaws;
   switch (kind) {
     case PhantomScanKind::kMaxillaMi:
-      return scan_arch(jaws.maxilla, -up, scale_error(seed, 0), {}, random);
+      return scan_arch(jaws.maxilla, -up, scale_error(scanner, 0), {}, random);
     case PhantomScanKind::kMandibleMi:
-      return scan_arch(jaws.mandible_mi, up, scale_error(seed, 0), {}, random);
+      return scan_arch(jaws.mandible_mi, up, scale_error(scanner, 0), {}, random);
     case PhantomScanKind::kMaxillaTp:
-      return scan_arch(jaws.maxilla, -up, scale_error(seed, 1), poses.tp_scan_from_dental.rigid, random);
+      return scan_arch(jaws.maxilla, -up, scale_error(scanner, 1), poses.tp_scan_from_dental.rigid, random);
     case PhantomScanKind::kMandibleTp:
-      return scan_arch(transformed(patient.therapeutic.rigid, jaws.mandible_mi), up, scale_error(seed, 1),
+      return scan_arch(transformed(patient.therapeutic.rigid, jaws.mandible_mi), up, scale_error(scanner, 1),
                        poses.tp_scan_from_dental.rigid, random);
     case PhantomScanKind::kMandibleClutch:
-      return scan_clutch(patient, scale_error(seed, 2), poses.clutch_scan_from_dental.rigid, random);
+      return scan_clutch(patient, scale_error(scanner, 2), poses.clutch_scan_from_dental.rigid, random);
     case PhantomScanKind::kFaceMi:
-      return scan_face(face_scene(patient, patient.face, {}), scale_error(seed, 3),
+      return scan_face(face_scene(patient, patient.face, {}), scale_error(scanner, 3),
                        poses.face_mi_from_dental.rigid, random);
     case PhantomScanKind::kFaceTp:
       return scan_face(face_scene(patient, with_soft_tissue_shift(patient.face, kSoftTissueShift_mm, seed),
                                   patient.therapeutic),
-                       scale_error(seed, 3), poses.face_tp_from_dental.rigid, random);
+                       scale_error(scanner, 3), poses.face_tp_from_dental.rigid, random);
   }
   return {};
 }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
 #include "phantom/case.h"
 
@@ -25,8 +26,10 @@ inline constexpr std::array<PhantomScanKind, 7> kPhantomScans = {
 const char* file_stem(PhantomScanKind kind);  ///< "maxilla_mi", …
 
 /// One scan in its own frame. Each kind draws from a random stream of its own, so the order does not matter.
+/// `scanner_seed` draws the scanners' scales: repeats by the same scanners share it; none: the seed itself.
 TriangleMesh simulate_phantom_scan(const PhantomPatient& patient, const PhantomScanPoses& poses,
-                                   PhantomScanKind kind, std::uint64_t seed);
+                                   PhantomScanKind kind, std::uint64_t seed,
+                                   std::optional<std::uint64_t> scanner_seed = {});
 
 /// What follows from the patient and the scans' poses: the true values of what calibration estimates.
 struct PhantomTruth {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <array>
 #include <cmath>
 #include <map>
@@ -16,8 +17,8 @@ constexpr double kLeastOwn = 0.01;  // of the correlated variance that each patc
 
 struct Patch {
   Vector3 sum_mm = Vector3::Zero(), normals = Vector3::Zero();
-  double weight = 0.0, residual = 0.0;
-  Eigen::VectorXd row;
+  double weight = 0.0;
+  std::vector<std::uint32_t> samples;
 };
 
 /// The axis that a normal is nearest to, with its sign: 0 to 5.
@@ -27,22 +28,17 @@ int facing(const Vector3& normal) {
   return 2 * axis + (normal[axis] < 0.0 ? 1 : 0);
 }
 
-std::vector<Patch> gathered(const std::vector<PlanePair>& pairs, const Rigid3& x, const ScoreRows& rows,
-                            double size_mm) {
+std::vector<Patch> gathered(const std::vector<PlanePair>& pairs, double size_mm) {
   for (;; size_mm *= 1.15) {
     std::map<std::array<int, 4>, Patch> patches;
-    for (std::size_t i = 0; i < pairs.size(); ++i) {
-      const PlanePair& p = pairs[i];
+    for (const PlanePair& p : pairs) {
       if (!(p.weight > 0.0)) continue;
       const Eigen::Vector3i at = (p.target_mm / size_mm).array().floor().cast<int>();
-      const auto [it, fresh] = patches.try_emplace({at.x(), at.y(), at.z(), facing(p.normal)});
-      Patch& patch = it->second;
-      if (fresh) patch.row = Eigen::VectorXd::Zero(rows.rows());
+      Patch& patch = patches[{at.x(), at.y(), at.z(), facing(p.normal)}];
       patch.sum_mm += p.weight * p.target_mm;
       patch.normals += p.weight * p.normal;
       patch.weight += p.weight;
-      patch.residual += p.weight * p.residual_mm(x);
-      patch.row += p.weight * rows.col(static_cast<long>(i));
+      patch.samples.push_back(p.sample);
     }
     if (patches.size() > kMaxPatches) continue;
     std::vector<Patch> out;
@@ -85,64 +81,99 @@ Eigen::MatrixXd covariance_of(const std::vector<Patch>& patches, const ResidualN
 
 }  // namespace
 
-PatchSystem patches_of(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                       const ScoreRows& rows, const ResidualNoise& noise) {
-  const double size_mm = std::max(0.3, kPatchOfRange * noise.length_mm());
-  const std::vector<Patch> patches = gathered(pairs, target_from_source, rows, size_mm);
-  const auto n = static_cast<long>(patches.size());
-  PatchSystem s;
-  s.residual_mm.resize(n);
-  s.weight.resize(n);
-  s.jacobian.resize(n, rows.rows());
-  for (long i = 0; i < n; ++i) {
-    const Patch& p = patches[static_cast<std::size_t>(i)];
-    s.residual_mm[i] = p.residual / p.weight;
-    s.jacobian.row(i) = p.row.transpose() / p.weight;
-    s.weight[i] = p.weight;
+/// Mean residuals of the patches, r + J·ξ.
+struct PatchModel::Means {
+  Eigen::VectorXd residual_mm;  // P
+  Eigen::MatrixXd jacobian;     // P×U
+  Eigen::VectorXd weight;       // Σ of the pairs' weights, P
+};
+
+PatchModel::PatchModel(const std::vector<PlanePair>& pairs, const ResidualNoise& noise) {
+  const std::vector<Patch> patches = gathered(pairs, std::max(0.3, kPatchOfRange * noise.length_mm()));
+  std::uint32_t samples = 0;
+  for (const PlanePair& p : pairs) samples = std::max(samples, p.sample + 1);
+  patch_of_sample_.assign(samples, -1);
+  for (std::size_t i = 0; i < patches.size(); ++i)
+    for (const std::uint32_t sample : patches[i].samples) patch_of_sample_[sample] = static_cast<int>(i);
+  covariance_mm2_.compute(covariance_of(patches, noise));
+}
+
+PatchModel::Means PatchModel::means(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                                    const ScoreRows& rows) const {
+  const long n = covariance_mm2_.rows();
+  Means m{Eigen::VectorXd::Zero(n), Eigen::MatrixXd::Zero(n, rows.rows()), Eigen::VectorXd::Zero(n)};
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    const PlanePair& p = pairs[i];
+    if (!(p.weight > 0.0) || p.sample >= patch_of_sample_.size()) continue;
+    const int patch = patch_of_sample_[p.sample];
+    if (patch < 0) continue;
+    m.residual_mm[patch] += p.weight * p.residual_mm(target_from_source);
+    m.jacobian.row(patch) += p.weight * rows.col(static_cast<long>(i)).transpose();
+    m.weight[patch] += p.weight;
   }
-  s.covariance = covariance_of(patches, noise);
-  return s;
+  const Eigen::VectorXd by_weight = m.weight.cwiseMax(1e-12).cwiseInverse();
+  m.residual_mm.array() *= by_weight.array();
+  m.jacobian = by_weight.asDiagonal() * m.jacobian;
+  return m;
 }
 
-GeneralisedScore generalised_score(const PatchSystem& patches) {
-  const Eigen::LLT<Eigen::MatrixXd> v(patches.covariance);
-  const Eigen::MatrixXd j = v.matrixL().solve(patches.jacobian);
-  const Eigen::VectorXd r = v.matrixL().solve(patches.residual_mm);
-  return {j.transpose() * j, j.transpose() * r};
+/// Times V^(−1/2).
+struct PatchModel::Whitened {
+  Eigen::MatrixXd jacobian;
+  Eigen::VectorXd residual;
+};
+
+/// The residual of a patch without pairs could be anything: as an unknown of its own it is projected out.
+PatchModel::Whitened PatchModel::whitened(const Means& m) const {
+  std::vector<long> lost;
+  for (long i = 0; i < m.weight.size(); ++i)
+    if (!(m.weight[i] > 0.0)) lost.push_back(i);
+  Whitened w{covariance_mm2_.matrixL().solve(m.jacobian), covariance_mm2_.matrixL().solve(m.residual_mm)};
+  if (lost.empty()) return w;
+  Eigen::MatrixXd anything = Eigen::MatrixXd::Zero(m.weight.size(), static_cast<long>(lost.size()));
+  for (std::size_t k = 0; k < lost.size(); ++k) anything(lost[k], static_cast<long>(k)) = 1.0;
+  covariance_mm2_.matrixL().solveInPlace(anything);
+  const Eigen::MatrixXd basis = Eigen::HouseholderQR<Eigen::MatrixXd>(anything).householderQ() *
+                                Eigen::MatrixXd::Identity(anything.rows(), anything.cols());
+  w.jacobian -= basis * (basis.transpose() * w.jacobian);
+  w.residual -= basis * (basis.transpose() * w.residual);
+  return w;
 }
 
-namespace {
-
-void add_rest(const PatchSystem& patches, const Eigen::LLT<Eigen::MatrixXd>& v, Disagreement* out) {
-  const Eigen::MatrixXd j = v.matrixL().solve(patches.jacobian);
-  const Eigen::VectorXd r = v.matrixL().solve(patches.residual_mm);
-  const Eigen::VectorXd rest = r - j * j.householderQr().solve(r);
-  out->rest_chi2 = rest.squaredNorm();
-  out->rest_freedom = static_cast<int>(r.size() - j.cols());
+GeneralisedScore PatchModel::score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                                   const ScoreRows& rows) const {
+  const Whitened w = whitened(means(pairs, target_from_source, rows));
+  return {w.jacobian.transpose() * w.jacobian, w.jacobian.transpose() * w.residual};
 }
 
-}  // namespace
-
-Disagreement disagreement(const PatchSystem& patches, const Eigen::VectorXd& other_sigmas) {
+Disagreement PatchModel::disagreement(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                                      const ScoreRows& rows, const Eigen::VectorXd& other_sigmas) const {
   constexpr double kTells = 0.02;  // of the ordinary variance: less is rounding
-  const Eigen::MatrixXd pose = patches.jacobian.leftCols<6>();
-  const Eigen::MatrixXd others = patches.jacobian.rightCols(other_sigmas.size()) * other_sigmas.asDiagonal();
-  // ξ = −A·r for the one, −G·r for the other; columns scaled alike, which χ² does not feel.
+  const Means m = means(pairs, target_from_source, rows);
+  const auto [j, r] = whitened(m);
+  Disagreement out;
+  if (j.rows() <= j.cols()) return out;
+  // What the generalised fit leaves.
+  out.rest_chi2 = (r - j * j.householderQr().solve(r)).squaredNorm();
+  out.rest_freedom = static_cast<int>(j.rows() - j.cols());
+  // ξ = −A·r for the ordinary fit, −G·r for the generalised; columns scaled alike, which χ² does not feel.
+  const Eigen::MatrixXd pose = m.jacobian.leftCols<6>();
+  const Eigen::MatrixXd others = m.jacobian.rightCols(other_sigmas.size()) * other_sigmas.asDiagonal();
   const Eigen::VectorXd scale = pose.colwise().norm().cwiseInverse();
   const Eigen::MatrixXd even = pose * scale.asDiagonal();
-  const Eigen::MatrixXd weighed = patches.weight.asDiagonal() * even;
+  const Eigen::MatrixXd weighed = m.weight.asDiagonal() * even;
   const Eigen::MatrixXd a = (even.transpose() * weighed).ldlt().solve(weighed.transpose());
-  const Eigen::LLT<Eigen::MatrixXd> v(patches.covariance);
-  const Eigen::MatrixXd by_v = v.solve(even);
+  const Eigen::MatrixXd by_v = covariance_mm2_.solve(even);
   const Eigen::MatrixXd g = (even.transpose() * by_v).ldlt().solve(by_v.transpose());
   const Eigen::MatrixXd apart = a - g;
-  const Vector6 d = apart * patches.residual_mm;
+  const Vector6 d = apart * m.residual_mm;
+  const auto spread_of = [&](const Eigen::MatrixXd& by_residual) -> Matrix6 {
+    const Eigen::MatrixXd by_white = covariance_mm2_.matrixU() * by_residual.transpose();
+    return by_white.transpose() * by_white;
+  };
   const Eigen::MatrixXd by_others = apart * others;
-  const Matrix6 ordinary = a * patches.covariance * a.transpose();
-  const Matrix6 spread = apart * patches.covariance * apart.transpose() + by_others * by_others.transpose();
+  const Matrix6 ordinary = spread_of(a), spread = spread_of(apart) + by_others * by_others.transpose();
   const Eigen::LLT<Matrix6> whole(ordinary);
-  Disagreement out;
-  add_rest(patches, v, &out);
   if (whole.info() != Eigen::Success) return out;
   const Matrix6 half = whole.matrixL().solve(spread);
   const Matrix6 share = whole.matrixL().solve(Matrix6(half.transpose()));

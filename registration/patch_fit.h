@@ -6,31 +6,18 @@
 // facing alike, share their correlated error and become one mean residual.
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <vector>
 
 #include "registration/residual_noise.h"
 
 namespace gnathion {
 
-/// Mean residuals of patches, linear in the unknowns: r(ξ) = residual + jacobian·ξ with noise of
-/// `covariance`.
-struct PatchSystem {
-  Eigen::VectorXd residual_mm;  ///< P
-  Eigen::MatrixXd jacobian;     ///< P×U
-  Eigen::VectorXd weight;       ///< Σ of the pairs' weights, P
-  Eigen::MatrixXd covariance;   ///< P×P, mm²
-};
-
-/// Patches of the pairs with weight > 0. `rows`: a pair's Jacobian in each column, at most 8 unknowns.
-PatchSystem patches_of(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                       const ScoreRows& rows, const ResidualNoise& noise);
-
 /// JᵀV⁻¹J and JᵀV⁻¹r; the former is also the covariance of the latter.
 struct GeneralisedScore {
   Eigen::MatrixXd information;
   Eigen::VectorXd score;
 };
-GeneralisedScore generalised_score(const PatchSystem& patches);
 
 /// Whether the noise is what V takes it for. Ordinary and generalised least squares estimate the same pose,
 /// and by how much they may differ follows from V alone (Hausman, "Specification tests in econometrics",
@@ -41,7 +28,30 @@ struct Disagreement {
   double rest_chi2 = 0.0;
   int rest_freedom = 0;
 };
-/// Of the first 6 unknowns, a pose; the others (scales) are known to `other_sigmas`.
-Disagreement disagreement(const PatchSystem& patches, const Eigen::VectorXd& other_sigmas);
+
+/// The patches of a fit and V of their mean residuals. V changes little while a fit settles and costs most:
+/// it is made once, near the solution, and the means are taken anew for each pose.
+class PatchModel {
+ public:
+  /// Patches of the pairs with weight > 0; nothing of them is kept but which sample is in which patch.
+  PatchModel(const std::vector<PlanePair>& pairs, const ResidualNoise& noise);
+
+  /// Linear in the unknowns about the pose; `rows`: a pair's Jacobian in each column, at most 8 unknowns.
+  /// A patch that has lost its pairs says nothing; samples that came later are left out.
+  GeneralisedScore score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                         const ScoreRows& rows) const;
+  /// Of the first 6 unknowns, a pose; the others (scales) are known to `other_sigmas`.
+  Disagreement disagreement(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                            const ScoreRows& rows, const Eigen::VectorXd& other_sigmas) const;
+
+ private:
+  struct Means;
+  Means means(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+              const ScoreRows& rows) const;
+  struct Whitened;
+  Whitened whitened(const Means& means) const;
+  std::vector<int> patch_of_sample_;  // −1: in none
+  Eigen::LLT<Eigen::MatrixXd> covariance_mm2_;
+};
 
 }  // namespace gnathion

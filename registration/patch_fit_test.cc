@@ -66,8 +66,8 @@ Trials run(int count, double bent_mm, std::uint64_t seed) {
   for (int i = 0; i < count; ++i) {
     const std::vector<PlanePair> pairs = plates(0.03, 0.03, 10.0, bent_mm, random);
     const ResidualNoise noise = estimate_noise(pairs, {});
-    const PatchSystem patches = patches_of(pairs, {}, rows_of(pairs), noise);
-    const GeneralisedScore s = generalised_score(patches);
+    const PatchModel patches(pairs, noise);
+    const GeneralisedScore s = patches.score(pairs, {}, rows_of(pairs));
     const Vector6 xi = -s.information.ldlt().solve(s.score);
     Vector6 score = Vector6::Zero();
     for (const PlanePair& p : pairs) score += p.jacobian({}) * p.residual_mm({});
@@ -75,7 +75,7 @@ Trials run(int count, double bent_mm, std::uint64_t seed) {
     t.generalised_mm += at_teeth2(xi) / count;
     t.ordinary_mm += at_teeth2(ordinary) / count;
     t.nees += xi.dot(s.information * xi) / 6 / count;
-    const Disagreement d = disagreement(patches, {});
+    const Disagreement d = patches.disagreement(pairs, {}, rows_of(pairs), {});
     t.disagreement += d.chi2 / d.freedom / count;
     t.rest += d.rest_chi2 / d.rest_freedom / count;
   }
@@ -96,6 +96,20 @@ TEST(PatchFit, HalvesTheErrorOfCorrelatedNoiseAndSaysHowGoodItIs) {
   EXPECT_LT(t.disagreement, 1.8);
   EXPECT_GT(t.rest, 0.7);
   EXPECT_LT(t.rest, 1.1);
+}
+
+TEST(PatchFit, APatchThatLostItsPairsSaysNothing) {
+  Random random(20261125);
+  const std::vector<PlanePair> all = plates(0.03, 0.03, 10.0, 0.0, random);
+  const ResidualNoise noise = estimate_noise(all, {});
+  std::vector<PlanePair> pairs = all;
+  for (PlanePair& p : pairs)
+    if (p.target_mm.x() > 60.0) p.weight = 0.0;
+  const PatchModel of_all(all, noise), of_left(pairs, noise);
+  const GeneralisedScore a = of_all.score(pairs, {}, rows_of(pairs)),
+                         b = of_left.score(pairs, {}, rows_of(pairs));
+  EXPECT_LT((a.information - b.information).norm(), 0.02 * b.information.norm());
+  EXPECT_LT((a.score - b.score).norm(), 0.02 * of_all.score(all, {}, rows_of(all)).score.norm());
 }
 
 TEST(PatchFit, BentPlatesAreNoNoise) {
