@@ -10,7 +10,7 @@
 namespace gnathion {
 namespace {
 
-constexpr const char* kWhat = "cannot calibrate the body's tags";
+constexpr const char* kCannotAdjust = "cannot calibrate the body's tags";
 using RowMatrix67 = Eigen::Matrix<double, 6, 7, Eigen::RowMajor>;
 
 RowMatrix67 lift(const double* pose) {
@@ -129,7 +129,7 @@ Status adjust_layout(const std::vector<RigCamera>& cameras,
     seen[v] = true;
     if (held < 0) held = o.view;
   }
-  if (held < 0) return bad_input(kWhat, "film", "no view is left");
+  if (held < 0) return bad_input(kCannotAdjust, "film", "no view is left");
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!seen[v]) continue;
     problem.SetManifold(views[v].data(), &manifold);
@@ -161,7 +161,7 @@ Status adjust_layout(const std::vector<RigCamera>& cameras,
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   if (!summary.IsSolutionUsable())
-    return bad_input(kWhat, "film", "the adjustment failed: " + summary.message);
+    return bad_input(kCannotAdjust, "film", "the adjustment failed: " + summary.message);
   for (std::size_t v = 0; v < views.size(); ++v)
     state.rig_from_body[v] = rigid_from_parameters(views[v].data());
   for (std::size_t t = 0; t < tags.size(); ++t) {
@@ -317,7 +317,7 @@ Result<LayoutCovariance> layout_covariance(const std::vector<RigCamera>& cameras
   out.shape = j.leftCols(shape) * held * j.leftCols(shape).transpose();
   if (!out.total.allFinite() || !out.shape.allFinite() || out.total.diagonal().minCoeff() < 0 ||
       all(size - 1, size - 1) < 0)
-    return bad_input(kWhat, "film",
+    return bad_input(kCannotAdjust, "film",
                      "the views do not determine the tags: turn the body more, near the camera");
   out.log_scale_sigma = std::sqrt(all(size - 1, size - 1)) / kScaleArm_mm;
   out.corner_by_focal_mm = -j * all * problem.by_focal;

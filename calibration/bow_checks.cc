@@ -1,4 +1,5 @@
 #include "calibration/bow_checks.h"
+#include "core/angle.h"
 
 #include <fmt/format.h>
 
@@ -13,8 +14,6 @@
 
 namespace gnathion {
 namespace {
-
-constexpr double kDegrees = 180 / std::numbers::pi;
 
 std::string id_list(const std::set<int>& ids) {
   std::string text;
@@ -112,7 +111,7 @@ double span_of_views_deg(const std::vector<Rigid3>& rig_from_body) {
   double least = 1;
   for (std::size_t i = 0; i < directions.size(); ++i)
     for (std::size_t k = 0; k < i; ++k) least = std::min(least, directions[i].dot(directions[k]));
-  return std::acos(std::clamp(least, -1.0, 1.0)) * kDegrees;
+  return std::acos(std::clamp(least, -1.0, 1.0)) * kDegPerRad;
 }
 
 Status check_layout(const TaggedBody& nominal, const TagLayout& layout, const Eigen::MatrixXd& covariance,

@@ -11,11 +11,11 @@
 #include <set>
 
 #include "calibration/bow_checks.h"
+#include "core/angle.h"
 
 namespace gnathion {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr double kMedianChi2 = 7.344;  // of eight squared normal residuals
 constexpr double kOutlierChi2 = 40;    // P = 3e-6
 constexpr double kHuber = 5;           // of eight whitened residuals: 25 has P = 0.0016
@@ -274,7 +274,7 @@ void fill_deviations(const TaggedBody& nominal, const TagLayout& layout, BowGeom
     const Rigid3 &is = layout.tags[t].body_from_tag, &was = wanted.tags[t].body_from_tag;
     out.tags[t].shift_mm = is.translation_mm - was.translation_mm;
     out.tags[t].turn_deg =
-        Rigid3{is.rotation * was.rotation.transpose(), Vector3::Zero()}.angle_rad() * kDegrees;
+        Rigid3{is.rotation * was.rotation.transpose(), Vector3::Zero()}.angle_rad() * kDegPerRad;
     squares += out.tags[t].shift_mm.squaredNorm();
     const Vector3 arm = was.translation_mm - centre;
     spread += arm.squaredNorm() * Matrix3::Identity() - arm * arm.transpose();
@@ -283,7 +283,7 @@ void fill_deviations(const TaggedBody& nominal, const TagLayout& layout, BowGeom
   const double each = std::sqrt(squares / std::max(1.0, 3 * n - 6));
   out.datum_sigma_mm = each / std::sqrt(n);
   const double least = Eigen::SelfAdjointEigenSolver<Matrix3>(spread).eigenvalues()(0);
-  out.datum_sigma_deg = each / std::sqrt(std::max(1.0, least)) * kDegrees;
+  out.datum_sigma_deg = each / std::sqrt(std::max(1.0, least)) * kDegPerRad;
 }
 
 void fill_covariance(const LayoutState& state, LayoutCovariance covariance, BowGeometry& out) {

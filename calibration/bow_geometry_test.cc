@@ -10,6 +10,7 @@
 #include <numbers>
 
 #include "calibration/bow_layout.h"
+#include "core/angle.h"
 #include "core/random.h"
 
 namespace gnathion {
@@ -17,7 +18,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr double kRad = std::numbers::pi / 180;
 constexpr double kSide_mm = 20;
 
 struct TestTag {
@@ -42,8 +42,8 @@ std::vector<TestTag> layout() {
 BodyTag corners_of(const TestTag& t, double width, double height) {
   Matrix3 front;
   front << 1, 0, 0, 0, 0, -1, 0, 1, 0;
-  const Matrix3 r =
-      exp_so3(Vector3(0, 0, t.yaw_deg * kRad)) * exp_so3(Vector3(-t.pitch_deg * kRad, 0, 0)) * front;
+  const Matrix3 r = exp_so3(Vector3(0, 0, t.yaw_deg * kRadPerDeg)) *
+                    exp_so3(Vector3(-t.pitch_deg * kRadPerDeg, 0, 0)) * front;
   BodyTag tag;
   tag.id = t.id;
   const double w = width / 2, h = height / 2;
@@ -68,7 +68,7 @@ TaggedBody glued_body(Random& random, double scale = 1) {
     BodyTag tag = corners_of(t, scale * kSide_mm * (1 + stretch + 2e-4 * random.normal()),
                              scale * kSide_mm * (1 - stretch + 2e-4 * random.normal()));
     const Rigid3 turn =
-        Rigid3::about_axis(t.centre_mm, random.unit_vector(), random.uniform(0.1, 0.3) * kRad);
+        Rigid3::about_axis(t.centre_mm, random.unit_vector(), random.uniform(0.1, 0.3) * kRadPerDeg);
     const Vector3 shift = random.uniform(0.1, 0.3) * random.unit_vector();
     for (Vector3& c : tag.corners_in_body_mm) c = turn * c + shift;
     body.tags.push_back(tag);
@@ -98,9 +98,9 @@ std::vector<BodyView> film(const std::vector<RigCamera>& cameras, const TaggedBo
   facing << 1, 0, 0, 0, 0, -1, 0, 1, 0;
   std::vector<BodyView> views;
   for (int v = 0; v < how.views; ++v) {
-    const Vector3 turn(random.uniform(-1, 1) * how.turn_deg * kRad,
-                       random.uniform(-1, 1) * 0.5 * how.turn_deg * kRad,
-                       random.uniform(-1, 1) * how.turn_deg * kRad);
+    const Vector3 turn(random.uniform(-1, 1) * how.turn_deg * kRadPerDeg,
+                       random.uniform(-1, 1) * 0.5 * how.turn_deg * kRadPerDeg,
+                       random.uniform(-1, 1) * how.turn_deg * kRadPerDeg);
     Rigid3 pose{facing * exp_so3(turn), Vector3::Zero()};
     pose.translation_mm =
         Vector3(random.uniform(-25, 25), random.uniform(-20, 20), how.distance_mm + random.uniform(-40, 60)) -
@@ -114,7 +114,7 @@ std::vector<BodyView> film(const std::vector<RigCamera>& cameras, const TaggedBo
         const auto& q = tag.corners_in_body_mm;
         const Vector3 normal = camera_from_body.rotation * (q[1] - q[0]).cross(q[3] - q[0]).normalized();
         const Vector3 sight = (camera_from_body * q[0]).normalized();
-        if (-normal.dot(sight) < std::cos(60 * kRad)) continue;
+        if (-normal.dot(sight) < std::cos(60 * kRadPerDeg)) continue;
         SeenTag seen;
         seen.id = tag.id;
         bool inside = true;

@@ -12,26 +12,26 @@ namespace {
 
 using namespace camera_problem;
 
-constexpr const char* kWhat = "cannot calibrate camera";
+constexpr const char* kCannotCalibrateCamera = "cannot calibrate camera";
 
 /// Reasons to refuse that need the whole solution.
 Status check_determined(const CameraSolution& s) {
   const double f = s.state.intrinsics[0].head<2>().mean();
   if (!s.covariance)
     return bad_input(
-        kWhat, s.name,
+        kCannotCalibrateCamera, s.name,
         "the views leave the focal length open: tilt the board, by 20 to 45 degrees, to all sides");
   const double sigma = std::sqrt(std::max((*s.covariance)(0, 0), (*s.covariance)(1, 1)));
   if (!(sigma < 0.03 * f))
     return bad_input(
-        kWhat, s.name,
+        kCannotCalibrateCamera, s.name,
         fmt::format("the views leave the focal length open ({:.0f} ± {:.0f} px): tilt the board, by 20 to 45 "
                     "degrees, to all sides",
                     f, sigma));
   const double diagonal = std::hypot(s.width_px, s.height_px);
   if (const double rms = rms_px(s.problem, s.state, -1); rms > 0.01 * diagonal)
     return bad_input(
-        kWhat, s.name,
+        kCannotCalibrateCamera, s.name,
         fmt::format("no pinhole camera makes these corners: they are {:.1f} px off (RMS); another board than "
                     "was said, or images that were cropped or scaled each in its own way",
                     rms));
@@ -59,7 +59,7 @@ Status check_one_camera(const CameraSolution& s, const std::vector<Reduced>& par
     if (name.empty()) name = s.names[v.instant];
   }
   return bad_input(
-      kWhat, s.name,
+      kCannotCalibrateCamera, s.name,
       fmt::format("the views are of two cameras, or the lens was moved between them: '{}' and others ask for "
                   "f = {:.1f} px, '{}' and others for {:.1f} px ({:.3f} px RMS apart, {:.3f} px together)",
                   first, split->focal_px[0], second, split->focal_px[1], split->rms_apart_px,
@@ -127,7 +127,7 @@ Result<CameraSolution> solve_camera(const CalibrationBoard& board, const std::st
       kept.push_back(&v);
   }
   if (static_cast<int>(kept.size()) < options.min_views)
-    return bad_input(kWhat, name,
+    return bad_input(kCannotCalibrateCamera, name,
                      fmt::format("{} views of the board, {} distinct; {} are the least, {} are good",
                                  views.size(), kept.size(), options.min_views, 2 * options.few_views));
   s.problem.points = board_points(board);
@@ -139,11 +139,12 @@ Result<CameraSolution> solve_camera(const CalibrationBoard& board, const std::st
   const auto state =
       start_camera(s.problem.points, s.problem.views, width_px, height_px, options.estimate_k3);
   if (!state)
-    return bad_input(kWhat, name, "the views have no common solution: is it one camera and one flat board?");
+    return bad_input(kCannotCalibrateCamera, name,
+                     "the views have no common solution: is it one camera and one flat board?");
   s.state = *state;
   const auto scale = refine(&s.problem, options.loss_sigmas, &s.state);
   if (!scale)
-    return bad_input(kWhat, name,
+    return bad_input(kCannotCalibrateCamera, name,
                      "the solution does not converge: more views, tilted to all sides, are needed");
   s.noise_scale = *scale;
   const std::vector<Reduced> parts = reduce(s.problem, s.state);

@@ -10,6 +10,7 @@
 #include "calibration/chain_registrations.h"
 #include "calibration/composition.h"
 #include "calibration/pose_conditioning.h"
+#include "core/angle.h"
 
 namespace gnathion {
 namespace {
@@ -199,7 +200,7 @@ void compare_head_frame(const ChainUnknowns& unknowns, const ChainSolution& by_s
   const int row = 6 * unknowns.head_from_bow_mi;
   const Matrix6 covariance = by_scans.covariance.block<6, 6>(row, row) + tracked.head_from_bow_mi.covariance;
   const Vector6 xi = difference(seen, scanned);
-  agreement.head_from_bow_deg = (seen * scanned.inverse()).angle_rad() * 57.29577951308232;
+  agreement.head_from_bow_deg = (seen * scanned.inverse()).angle_rad() * kDegPerRad;
   agreement.head_from_bow_p_value = chi2_6_survival(xi.dot(covariance.ldlt().solve(xi)));
   double largest_mm = 0.0;
   for (const Vector3& p : teeth_mm)

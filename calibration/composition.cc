@@ -8,6 +8,7 @@
 #include "calibration/chain_derived.h"
 #include "calibration/chain_problem.h"
 #include "calibration/displacement.h"
+#include "core/angle.h"
 #include "registration/align.h"
 
 namespace gnathion {
@@ -110,7 +111,7 @@ RouteComparison compare_routes(const TherapeuticEstimate& a, const TherapeuticEs
   const Rigid3 &xa = a.therapeutic.value.rigid, &xb = b.therapeutic.value.rigid;
   RouteComparison c;
   c.difference = xa * xb.inverse();
-  c.angle_deg = c.difference.angle_rad() * 57.29577951308232;
+  c.angle_deg = c.difference.angle_rad() * kDegPerRad;
   const Matrix6 covariance = own_covariance(a, shared) + own_covariance(b, shared) +
                              carried(a.by_bow_from_dental - b.by_bow_from_dental, shared);
   const Vector6 xi = log_se3(c.difference);

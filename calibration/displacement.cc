@@ -1,4 +1,5 @@
 #include "calibration/displacement.h"
+#include "core/angle.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -6,8 +7,6 @@
 
 namespace gnathion {
 namespace {
-
-constexpr double kDeg = 57.29577951308232;
 
 struct Screw {
   Vector3 direction = Vector3::UnitX(), point_mm = Vector3::Zero();
@@ -67,7 +66,7 @@ ScrewAxis screw_axis(const Uncertain<Motion<Dental>>& therapeutic, const Vector3
   ScrewAxis out;
   out.direction = s.direction;
   out.point_mm = s.point_mm;
-  out.angle_deg = s.angle_rad * kDeg;
+  out.angle_deg = s.angle_rad * kDegPerRad;
   out.shift_mm = s.shift_mm;
   // Derivatives by small left perturbations, central differences.
   Eigen::Matrix<double, 3, 6> by_direction, by_point;
@@ -85,9 +84,9 @@ ScrewAxis screw_axis(const Uncertain<Motion<Dental>>& therapeutic, const Vector3
   // Along the axis its point is not defined; only what is across it counts.
   by_point = (Matrix3::Identity() - s.direction * s.direction.transpose()) * by_point;
   const Matrix6& c = therapeutic.covariance;
-  out.angle_sigma_deg = std::sqrt(std::max(0.0, (by_angle * c * by_angle.transpose()).value())) * kDeg;
+  out.angle_sigma_deg = std::sqrt(std::max(0.0, (by_angle * c * by_angle.transpose()).value())) * kDegPerRad;
   out.shift_sigma_mm = std::sqrt(std::max(0.0, (by_shift * c * by_shift.transpose()).value()));
-  out.direction_sigma_deg = worst_sigma(by_direction, c) * kDeg;
+  out.direction_sigma_deg = worst_sigma(by_direction, c) * kDegPerRad;
   out.point_sigma_mm = worst_sigma(by_point, c);
   out.determined = out.angle_deg > 1e-6 && out.angle_deg > 3.0 * out.angle_sigma_deg;
   return out;

@@ -6,12 +6,11 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
+#include "core/angle.h"
 #include "core/random.h"
 
 namespace gnathion {
 namespace {
-
-constexpr double kDeg = 57.29577951308232;
 
 Matrix6 covariance_at_teeth() {
   Random random(3);
@@ -22,7 +21,7 @@ Matrix6 covariance_at_teeth() {
 }
 
 Uncertain<Motion<Dental>> opening() {
-  const Rigid3 turn = Rigid3::about_axis({0, 88, 35}, {1, 0.05, -0.02}, 3.0 / kDeg);
+  const Rigid3 turn = Rigid3::about_axis({0, 88, 35}, {1, 0.05, -0.02}, 3.0 / kDegPerRad);
   return {Motion<Dental>(Rigid3::from_translation({0.6, 0.1, -0.2}) * turn), covariance_at_teeth()};
 }
 
@@ -70,7 +69,7 @@ TEST(Displacement, ScrewAxisIsTheMotion) {
         Rigid3::from_translation(shift * direction) * Rigid3::about_axis(on_axis, direction, angle);
     const Vector3 reference = 30 * random.normal3();
     const ScrewAxis s = screw_axis({Motion<Dental>(motion), 1e-12 * Matrix6::Identity()}, reference);
-    EXPECT_NEAR(s.angle_deg, angle * kDeg, 1e-6);
+    EXPECT_NEAR(s.angle_deg, angle * kDegPerRad, 1e-6);
     EXPECT_NEAR(s.shift_mm, shift, 1e-6);
     EXPECT_LT((s.direction - direction).norm(), 1e-7);
     const Vector3 off = s.point_mm - on_axis;
@@ -103,7 +102,7 @@ TEST(Displacement, ScrewSigmasAreThoseOfDrawnMotions) {
   const auto worst = [](const Matrix3& m) {
     return std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3>(m, Eigen::EigenvaluesOnly).eigenvalues()[2]);
   };
-  EXPECT_NEAR(worst(direction) * kDeg, stated.direction_sigma_deg, 0.08 * stated.direction_sigma_deg);
+  EXPECT_NEAR(worst(direction) * kDegPerRad, stated.direction_sigma_deg, 0.08 * stated.direction_sigma_deg);
   EXPECT_NEAR(worst(point), stated.point_sigma_mm, 0.08 * stated.point_sigma_mm);
 }
 

@@ -1,4 +1,5 @@
 #include "calibration/frames_graph.h"
+#include "core/angle.h"
 
 #include <fmt/format.h>
 
@@ -12,7 +13,6 @@
 namespace gnathion {
 namespace {
 
-constexpr double kDeg = 57.29577951308232;
 /// Cost (mm²) of an edge whose error is unknown: more than any whose error is known.
 constexpr double kUnknownCost_mm2 = 1e9;
 
@@ -222,7 +222,7 @@ std::vector<FrameLoop> FramesGraph::loops() const {
     for (const auto& step : loop.steps)
       loop.frames.push_back(step.inverse ? edges_[step.edge].from : edges_[step.edge].to);
     const FramePath around = composed(loop.frames.front(), loop.frames.front(), loop.steps);
-    loop.angle_deg = around.to_from_from.angle_rad() * kDeg;
+    loop.angle_deg = around.to_from_from.angle_rad() * kDegPerRad;
     for (const Vector3& p : teeth_in(loop.frames.front()))
       loop.at_teeth_mm = std::max(loop.at_teeth_mm, (around.to_from_from * p - p).norm());
     if (around.covariance) {

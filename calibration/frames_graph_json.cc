@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "core/angle.h"
 #include "core/transform_io.h"
 
 namespace gnathion {
@@ -12,8 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* kWhat = "cannot read frames";
-constexpr double kDeg = 57.29577951308232;
+constexpr const char* kCannotReadFrames = "cannot read frames";
 
 json steps_json(const FramesGraph& graph, const std::vector<FramePath::Step>& steps) {
   json out = json::array();
@@ -32,7 +32,7 @@ std::string text_or(const json& j, const char* key) {
 }
 
 Result<FrameEdge> edge_from_json(const json& j, const std::string& where) {
-  if (!j.is_object()) return bad_input(kWhat, where, "an edge is not an object");
+  if (!j.is_object()) return bad_input(kCannotReadFrames, where, "an edge is not an object");
   FrameEdge e;
   e.to = text_or(j, "to");
   e.from = text_or(j, "from");
@@ -41,9 +41,10 @@ Result<FrameEdge> edge_from_json(const json& j, const std::string& where) {
   e.estimate = text_or(j, "estimate");
   e.by_hand = j.contains("by_hand") && j["by_hand"] == true;
   const std::string name = where + ": " + e.name();
-  if (!j.contains("matrix")) return bad_input(kWhat, name, "no 'matrix'");
+  if (!j.contains("matrix")) return bad_input(kCannotReadFrames, name, "no 'matrix'");
   GNATHION_TRY(const Matrix4 m, matrix_from_json(j["matrix"], name));
-  if (!rigidity_deviation(m).is_rigid()) return bad_input(kWhat, name, "the matrix is not a rigid motion");
+  if (!rigidity_deviation(m).is_rigid())
+    return bad_input(kCannotReadFrames, name, "the matrix is not a rigid motion");
   e.to_from_from = nearest_rigid(m);
   if (j.contains("covariance") && !j["covariance"].is_null()) {
     GNATHION_TRY(e.covariance, covariance_from_json(j["covariance"], name));
@@ -54,7 +55,9 @@ Result<FrameEdge> edge_from_json(const json& j, const std::string& where) {
 /// Cross covariances are not symmetric: no check but for numbers.
 Result<Matrix6> block_from_json(const json& j, const std::string& where) {
   Matrix6 m;
-  const auto bad = [&] { return bad_input(kWhat, where, "a cross covariance is not 6x6 numbers"); };
+  const auto bad = [&] {
+    return bad_input(kCannotReadFrames, where, "a cross covariance is not 6x6 numbers");
+  };
   if (!j.is_array() || j.size() != 6) return bad();
   for (std::size_t r = 0; r < 6; ++r) {
     if (!j[r].is_array() || j[r].size() != 6) return bad();
@@ -70,7 +73,7 @@ std::string sigma_text(const FrameEdge& e) {
   if (!e.covariance) return "unknown";
   const Matrix6& c = *e.covariance;
   return fmt::format("{:.3f} mm {:.3f} deg", std::sqrt(c.bottomRightCorner<3, 3>().trace()),
-                     std::sqrt(c.topLeftCorner<3, 3>().trace()) * kDeg);
+                     std::sqrt(c.topLeftCorner<3, 3>().trace()) * kDegPerRad);
 }
 
 }  // namespace
@@ -122,18 +125,19 @@ json path_json(const FramesGraph& graph, const FramePath& path) {
 
 Result<FramesGraph> frames_from_json(const json& j, const std::string& where) {
   if (!j.is_object() || j.value("kind", json()) != "frames")
-    return bad_input(kWhat, where, "not a file of kind 'frames'");
-  if (j.contains("unit") && j["unit"] != "mm") return bad_input(kWhat, where, "unit is not mm");
+    return bad_input(kCannotReadFrames, where, "not a file of kind 'frames'");
+  if (j.contains("unit") && j["unit"] != "mm") return bad_input(kCannotReadFrames, where, "unit is not mm");
   std::vector<Vector3> teeth_mm;
   if (j.contains("teeth_mm") && j["teeth_mm"].is_array()) {
     for (const json& p : j["teeth_mm"]) {
       if (!p.is_array() || p.size() != 3 || !p[0].is_number() || !p[1].is_number() || !p[2].is_number())
-        return bad_input(kWhat, where, "'teeth_mm' holds a point that is none");
+        return bad_input(kCannotReadFrames, where, "'teeth_mm' holds a point that is none");
       teeth_mm.emplace_back(p[0].get<double>(), p[1].get<double>(), p[2].get<double>());
     }
   }
   FramesGraph graph(std::move(teeth_mm));
-  if (!j.contains("edges") || !j["edges"].is_array()) return bad_input(kWhat, where, "no 'edges'");
+  if (!j.contains("edges") || !j["edges"].is_array())
+    return bad_input(kCannotReadFrames, where, "no 'edges'");
   for (const json& e : j["edges"]) {
     GNATHION_TRY(FrameEdge edge, edge_from_json(e, where));
     GNATHION_CHECK_OK(graph.add(std::move(edge)));
@@ -141,7 +145,7 @@ Result<FramesGraph> frames_from_json(const json& j, const std::string& where) {
   if (j.contains("cross_covariances") && j["cross_covariances"].is_array()) {
     for (const json& c : j["cross_covariances"]) {
       if (!c.is_object() || !c.contains("covariance"))
-        return bad_input(kWhat, where, "a cross covariance is empty");
+        return bad_input(kCannotReadFrames, where, "a cross covariance is empty");
       GNATHION_TRY(const Matrix6 block, block_from_json(c["covariance"], where));
       graph.set_cross_covariance(text_or(c, "a"), text_or(c, "b"), block);
     }

@@ -1,4 +1,5 @@
 #include "calibration/pose_conditioning.h"
+#include "core/angle.h"
 
 #include <fmt/format.h>
 
@@ -9,8 +10,6 @@
 
 namespace gnathion {
 namespace {
-
-constexpr double kDeg = 57.29577951308232;
 
 /// "the bow's long axis" where the direction is within 20° of one of the body's, else its components.
 std::string axis_text(const Vector3& direction, const BodyAxes& body) {
@@ -69,7 +68,7 @@ PoseConditioning pose_conditioning(const Matrix6& covariance, const BodyAxes& bo
     const bool turning = d.head<3>().norm() > d.tail<3>().norm();
     result.weak.push_back(turning ? fmt::format("rotation about {} is weak: {:.3f} deg",
                                                 axis_text(d.head<3>().normalized(), body),
-                                                sigma_mm[k] / body.radius_mm * kDeg)
+                                                sigma_mm[k] / body.radius_mm * kDegPerRad)
                                   : fmt::format("translation along {} is weak: {:.3f} mm",
                                                 axis_text(d.tail<3>().normalized(), body), sigma_mm[k]));
   }

@@ -14,7 +14,7 @@ namespace {
 
 using namespace camera_problem;
 
-constexpr const char* kWhat = "cannot calibrate rig";
+constexpr const char* kCannotCalibrateRig = "cannot calibrate rig";
 constexpr double kAgreeRad = 0.035, kAgreeShare = 0.03;  // of two instants about where a camera stands
 
 /// Where camera b stands in camera a's frame, as one instant has it.
@@ -79,13 +79,13 @@ Result<std::vector<Rigid3>> place_cameras(const std::vector<CameraSolution>& cam
       std::vector<std::string> here, there;
       for (std::size_t c = 0; c < cameras.size(); ++c) (placed[c] ? here : there).push_back(cameras[c].name);
       return bad_input(
-          kWhat, fmt::format("{}", fmt::join(there, ", ")),
+          kCannotCalibrateRig, fmt::format("{}", fmt::join(there, ", ")),
           fmt::format("never sees the board together with {} (views of one instant have one name)",
                       fmt::join(here, ", ")));
     }
     if (best.seen < 3 || 2 * best.agreeing <= best.seen)
       return bad_input(
-          kWhat, cameras[to].name,
+          kCannotCalibrateRig, cameras[to].name,
           fmt::format(
               "{} of {} instants shared with {} agree about where it stands; at least 3 and more than "
               "half are needed: are the pairs of one instant, the cameras fixed to one another, and "
@@ -171,9 +171,10 @@ RigCameraResult camera_result(const Joint& j, std::size_t c, const CameraSolutio
 Result<RigCalibration> calibrate_rig(const CalibrationBoard& board,
                                      const std::vector<RigCameraViews>& cameras,
                                      const CameraCalibrationOptions& options, Progress& progress) {
-  if (cameras.size() < 2) return fail(ErrorCode::kUsage, kWhat, "cameras", "two or more are needed");
+  if (cameras.size() < 2)
+    return fail(ErrorCode::kUsage, kCannotCalibrateRig, "cameras", "two or more are needed");
   if (board.turns_unseen())
-    return bad_input(kWhat, board.text(),
+    return bad_input(kCannotCalibrateRig, board.text(),
                      "looks the same upside down, so that cameras cannot agree on its corners: take a board "
                      "with one odd and "
                      "one even number of corners, ChArUco or AprilGrid");
@@ -188,10 +189,11 @@ Result<RigCalibration> calibrate_rig(const CalibrationBoard& board,
   GNATHION_TRY(const std::vector<Rigid3> rig_from_camera, place_cameras(alone, &odd));
   Joint j = join(alone, rig_from_camera, odd);
   const auto scale = refine(&j.problem, options.loss_sigmas, &j.state);
-  if (!scale) return bad_input(kWhat, "joint solution", "does not converge");
+  if (!scale) return bad_input(kCannotCalibrateRig, "joint solution", "does not converge");
   const auto covariance = shared_covariance(reduce(j.problem, j.state), *scale);
   if (!covariance)
-    return bad_input(kWhat, "joint solution", "the views leave the rig open: tilt the board to all sides");
+    return bad_input(kCannotCalibrateRig, "joint solution",
+                     "the views leave the rig open: tilt the board to all sides");
   progress.begin_step("cross-validation", 0.1);
   const std::vector<HeldOut> held = cross_validate(j.problem, j.state, options.folds);
   RigCalibration out;

@@ -15,7 +15,7 @@ namespace gnathion {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr const char* kWhat = "cannot read images";
+constexpr const char* kCannotReadImages = "cannot read images";
 
 bool is_image(const fs::path& path) {
   std::string e = path.extension().string();
@@ -31,11 +31,11 @@ Result<std::vector<fs::path>> list_images(const fs::path& folder) {
   std::error_code ec;
   std::vector<fs::path> files;
   fs::directory_iterator it(folder, ec);
-  if (ec) return bad_input(kWhat, folder.string(), "is no folder that can be read");
+  if (ec) return bad_input(kCannotReadImages, folder.string(), "is no folder that can be read");
   for (const fs::directory_entry& entry : it)
     if (entry.is_regular_file(ec) && is_image(entry.path())) files.push_back(entry.path());
   if (files.empty())
-    return bad_input(kWhat, folder.string(), "holds no images (png, jpg, bmp, tif, pgm, webp)");
+    return bad_input(kCannotReadImages, folder.string(), "holds no images (png, jpg, bmp, tif, pgm, webp)");
   std::sort(files.begin(), files.end());
   return files;
 }
@@ -45,9 +45,9 @@ Result<Image8> read_grey_image(const fs::path& path) {
   try {
     grey = cv::imread(path.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& e) {
-    return bad_input(kWhat, path.string(), e.what());
+    return bad_input(kCannotReadImages, path.string(), e.what());
   }
-  if (grey.empty()) return bad_input(kWhat, path.string(), "is no image that can be read");
+  if (grey.empty()) return bad_input(kCannotReadImages, path.string(), "is no image that can be read");
   Image8 out;
   out.width_px = grey.cols;
   out.height_px = grey.rows;

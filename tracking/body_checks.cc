@@ -8,7 +8,7 @@
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot track the session";
+const char* const kCannotTrackBodies = "cannot track the session";
 constexpr std::size_t kMostFailures = 4;
 // Scales: what a sum over frames must differ by, in its own standard deviations (frames share the errors of
 // print and lens, so these are many) and at all.
@@ -107,7 +107,7 @@ void SessionEvidence::merge(const SessionEvidence& later) {
 Status SessionEvidence::refuse_strangers() const {
   for (const auto& [id, frames] : frames_with_twice_) {
     if (frames < 2 && frames_with_twice_.size() < 2) continue;
-    return bad_input(kWhat, fmt::format("tag {}", id),
+    return bad_input(kCannotTrackBodies, fmt::format("tag {}", id),
                      "is seen at two places of one picture: a second bow or head frame with the same tags is "
                      "in view; remove it and record again");
   }
@@ -119,7 +119,7 @@ Status SessionEvidence::refuse_scales(const Rig& rig) const {
   for (std::size_t b = 0; b < 2; ++b) {
     if (!differs(size_[b], kSizeRefused)) continue;
     return bad_input(
-        kWhat, bodies[b]->name,
+        kCannotTrackBodies, bodies[b]->name,
         fmt::format("its tags measure {:.2f} mm ({} than the {:.2f} mm of its file): print them at "
                     "true scale, or calibrate the body",
                     side_mm(*bodies[b]) * std::exp(size_[b].log_scale()), percent(size_[b].log_scale()),
@@ -131,7 +131,7 @@ Status SessionEvidence::refuse_scales(const Rig& rig) const {
     if (!differs(sum, kFocalRefused)) continue;
     const double f = rig.cameras[c].model.fx_px;
     return bad_input(
-        kWhat, rig.cameras[c].name,
+        kCannotTrackBodies, rig.cameras[c].name,
         fmt::format("its pictures fit a focal length of {:.0f} px, the rig says {:.0f} px: the rig "
                     "of other cameras, or the focus was changed; calibrate again",
                     f * std::exp(sum.log_scale()), f));
@@ -144,7 +144,7 @@ Status SessionEvidence::refuse_upside_down(const Rig& rig) const {
   const Vector3 up = (head_from_bow_sum_ * *rig.bow.up).normalized();
   const double tilt = std::acos(std::clamp(up.dot(rig.head_frame.up->normalized()), -1.0, 1.0)) * 180 / M_PI;
   if (tilt < 100) return {};
-  return bad_input(kWhat, rig.bow.name,
+  return bad_input(kCannotTrackBodies, rig.bow.name,
                    fmt::format("is upside down against the head frame (turned by {:.0f} deg)", tilt));
 }
 
@@ -159,7 +159,7 @@ Status SessionEvidence::explain_failure(const Rig& rig) const {
           detector->detect(mirrored(sample.images[i]), rig.cameras[std::min(i, rig.cameras.size() - 1)].model)
               .size();
     if (found >= 2) {
-      return bad_input(kWhat, "pictures",
+      return bad_input(kCannotTrackBodies, "pictures",
                        fmt::format("they are mirrored: {} tags are found once they are flipped; turn the "
                                    "camera's mirroring off",
                                    found));
@@ -184,14 +184,14 @@ Status SessionEvidence::explain_failure(const Rig& rig) const {
       }
       if (size != 1) {
         return bad_input(
-            kWhat, body->name,
+            kCannotTrackBodies, body->name,
             fmt::format("its tags are of another size than its file says: about {:.1f} mm instead "
                         "of {:.1f} mm",
                         size * side_mm(*body), side_mm(*body)));
       }
       if (focal != 1) {
         return bad_input(
-            kWhat, rig.cameras[0].name,
+            kCannotTrackBodies, rig.cameras[0].name,
             fmt::format("its pictures fit a focal length of about {:.0f} px, the rig says {:.0f} "
                         "px: the rig of other cameras?",
                         focal * rig.cameras[0].model.fx_px, rig.cameras[0].model.fx_px));
@@ -210,7 +210,8 @@ Status SessionEvidence::refusal(const Rig& rig, std::size_t valid, const std::st
   std::string others;
   for (const auto& [id, frames] : foreign_) others += fmt::format("{}{}", others.empty() ? "" : ", ", id);
   if (!others.empty()) others = "; tags " + others + " are seen, which are on neither body";
-  return bad_input(kWhat, "recording", "no frame shows bow and head frame (" + usual_reason + ")" + others);
+  return bad_input(kCannotTrackBodies, "recording",
+                   "no frame shows bow and head frame (" + usual_reason + ")" + others);
 }
 
 std::vector<std::string> SessionEvidence::warnings(const Rig& rig) const {

@@ -1,4 +1,5 @@
 #include "tracking/electromagnetic.h"
+#include "core/angle.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +10,7 @@
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot track by electromagnetic poses";
-constexpr double kDeg = M_PI / 180;
+const char* const kCannotTrackSensor = "cannot track by electromagnetic poses";
 
 /// One reading of a sensor, or why there is none.
 struct Reading {
@@ -63,7 +63,7 @@ class Readings {
     bool first = true;
     while (true) {
       auto pulled = source.next();
-      if (!pulled) return in_context(kWhat, pulled.error());
+      if (!pulled) return in_context(kCannotTrackSensor, pulled.error());
       if (!*pulled) break;
       if (first) session->start = header_of(**pulled).capture;
       first = false;
@@ -114,20 +114,21 @@ class Readings {
         if (!r.valid) continue;
         distances_mm.push_back(r.pose.translation_mm.norm());
       }
-      if (distances_mm.empty()) return bad_input(kWhat, name, "no valid pose of it" + streams_seen());
+      if (distances_mm.empty())
+        return bad_input(kCannotTrackSensor, name, "no valid pose of it" + streams_seen());
       // Nearly the farthest: one wild reading says nothing about the unit.
       const auto rank = distances_mm.begin() + static_cast<std::ptrdiff_t>(distances_mm.size() * 19 / 20);
       std::nth_element(distances_mm.begin(), rank, distances_mm.end());
       const double farthest = *rank;
       if (farthest < 10)
         return bad_input(
-            kWhat, name,
+            kCannotTrackSensor, name,
             fmt::format("its sensor never is farther than {:.3f} mm from the transmitter: these look "
                         "like metres, millimetres are needed",
                         farthest));
       if (farthest > 5000)
         return bad_input(
-            kWhat, name,
+            kCannotTrackSensor, name,
             fmt::format("its sensor is {:.0f} mm from the transmitter: not millimetres", farthest));
     }
     return {};
@@ -236,7 +237,7 @@ Result<std::vector<Distortion>> find_distortions(const Readings& readings, const
   const std::vector<Between> all = between(readings, pair, setup.same_instant_s);
   const std::string name = pair.first + " and " + pair.second;
   if (all.size() < 20)
-    return bad_input(kWhat, name,
+    return bad_input(kCannotTrackSensor, name,
                      fmt::format("only {} instants with both sensors: nothing to check", all.size()));
   std::vector<double> distances;
   for (const Between& b : all) distances.push_back(b.distance_mm);
@@ -244,7 +245,7 @@ Result<std::vector<Distortion>> find_distortions(const Readings& readings, const
   const Matrix3 rotation = median_rotation(all);
   const double limit_mm = std::max(setup.distortion_sigmas * std::sqrt(2.0) * sigma_mm, setup.distortion_mm);
   const double limit_rad =
-      std::max(setup.distortion_sigmas * std::sqrt(2.0) * sigma_rad, setup.distortion_deg * kDeg);
+      std::max(setup.distortion_sigmas * std::sqrt(2.0) * sigma_rad, setup.distortion_deg * kRadPerDeg);
   std::vector<Distortion> found;
   std::size_t off = 0, last_off = 0, in_this = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
@@ -262,15 +263,15 @@ Result<std::vector<Distortion>> find_distortions(const Readings& readings, const
     ++in_this;
     d.end_s = all[i].time.seconds_since(start);
     d.largest_mm = std::max(d.largest_mm, mm);
-    d.largest_deg = std::max(d.largest_deg, rad / kDeg);
+    d.largest_deg = std::max(d.largest_deg, rad / kRadPerDeg);
     d.where_mm += (all[i].where_mm - d.where_mm) / static_cast<double>(in_this);
   }
   if (2 * off > all.size())
     return bad_input(
-        kWhat, name,
+        kCannotTrackSensor, name,
         fmt::format("their distance and rotation change in {} of {} readings (beyond {:.2f} mm, {:.2f} "
                     "deg): not on one rigid body, or metal close to the transmitter",
-                    off, all.size(), limit_mm, limit_rad / kDeg));
+                    off, all.size(), limit_mm, limit_rad / kRadPerDeg));
   found.erase(
       std::remove_if(found.begin(), found.end(),
                      [&](const Distortion& d) { return d.end_s - d.start_s < setup.least_distortion_s; }),
@@ -307,11 +308,11 @@ std::string Distortion::text() const {
 
 Result<ElectromagneticMotion> electromagnetic_motion(Source& source, const ElectromagneticSetup& setup) {
   if (setup.bow.stream == setup.head.stream)
-    return bad_input(kWhat, setup.bow.stream, "is named for the bow and for the head");
+    return bad_input(kCannotTrackSensor, setup.bow.stream, "is named for the bow and for the head");
   ElectromagneticMotion motion;
   Readings readings(setup);
   GNATHION_CHECK_OK(readings.pull(source, &motion.session));
-  double sigma_mm = setup.sigma_mm, sigma_rad = setup.sigma_deg * kDeg;
+  double sigma_mm = setup.sigma_mm, sigma_rad = setup.sigma_deg * kRadPerDeg;
   if (!(sigma_mm > 0) || !(sigma_rad > 0)) {
     double mm[2], rad[2];
     measure_noise(readings.of(setup.bow.stream), &mm[0], &rad[0]);
@@ -320,10 +321,10 @@ Result<ElectromagneticMotion> electromagnetic_motion(Source& source, const Elect
     if (!(sigma_rad > 0)) sigma_rad = std::max({rad[0], rad[1], 1e-6});
     motion.notes.push_back(
         fmt::format("noise of a reading taken from its own scatter: {:.3f} mm, {:.3f} deg an axis", sigma_mm,
-                    sigma_rad / kDeg));
+                    sigma_rad / kRadPerDeg));
   }
   motion.sigma_mm = sigma_mm;
-  motion.sigma_deg = sigma_rad / kDeg;
+  motion.sigma_deg = sigma_rad / kRadPerDeg;
   if (setup.pairs.empty())
     motion.notes.push_back("no two sensors on one rigid body are named: distortion by metal was not checked");
   for (const RigidPair& pair : setup.pairs) {

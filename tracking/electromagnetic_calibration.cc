@@ -7,13 +7,13 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 
+#include "core/angle.h"
 #include "tracking/electromagnetic.h"
 
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot calibrate the sensor";
-constexpr double kDeg = M_PI / 180;
+const char* const kCannotCalibrateSensor = "cannot calibrate the sensor";
 using Matrix12 = Eigen::Matrix<double, 12, 12>;
 using Vector12 = Eigen::Matrix<double, 12, 1>;
 
@@ -123,7 +123,7 @@ void name_weak(const Matrix6& covariance, const Vector3& at_mm, std::vector<std:
   const Eigen::SelfAdjointEigenSolver<Matrix3> turn(here.topLeftCorner<3, 3>()),
       shift(here.bottomRightCorner<3, 3>());
   for (int i = 0; i < 3; ++i) {
-    const double deg = std::sqrt(std::max(0.0, turn.eigenvalues()[i])) / kDeg;
+    const double deg = std::sqrt(std::max(0.0, turn.eigenvalues()[i])) / kRadPerDeg;
     const Vector3 a = shown(turn.eigenvectors().col(i));
     if (deg > kWeak_deg)
       weak->push_back(fmt::format("rotation about ({:.2f}, {:.2f}, {:.2f}) of the bow is weak: {:.2f} deg",
@@ -153,9 +153,10 @@ Matrix12 inverse_of(const Matrix12& information) {
 Result<SensorCalibration> calibrate_sensor(const std::vector<SensorPair>& pairs, double sigma_mm,
                                            double sigma_deg) {
   if (pairs.size() < 5)
-    return bad_input(kWhat, "poses", fmt::format("{} instants with both instruments, need 5", pairs.size()));
+    return bad_input(kCannotCalibrateSensor, "poses",
+                     fmt::format("{} instants with both instruments, need 5", pairs.size()));
   if (!(sigma_mm > 0) || !(sigma_deg > 0))
-    return fail(ErrorCode::kUsage, kWhat, "noise",
+    return fail(ErrorCode::kUsage, kCannotCalibrateSensor, "noise",
                 "the standard deviation of a reading is needed, in mm and deg");
   double turn = 0, disagreement = 0;
   for (const SensorPair& p : pairs) {
@@ -165,26 +166,26 @@ Result<SensorCalibration> calibrate_sensor(const std::vector<SensorPair>& pairs,
     turn = std::max(turn, a);
     disagreement = std::max(disagreement, std::abs(a - b));
   }
-  if (turn < 5 * kDeg)
+  if (turn < 5 * kRadPerDeg)
     return bad_input(
-        kWhat, "poses",
+        kCannotCalibrateSensor, "poses",
         fmt::format("the bow turns by {:.1f} deg only: turn it by 20 deg and more about two axes",
-                    turn / kDeg));
-  if (disagreement > std::max(5 * kDeg, 0.3 * turn))
+                    turn / kRadPerDeg));
+  if (disagreement > std::max(5 * kRadPerDeg, 0.3 * turn))
     return bad_input(
-        kWhat, "poses",
+        kCannotCalibrateSensor, "poses",
         fmt::format("the instruments differ by {:.1f} deg in how far the bow has turned: the sensor is not "
                     "fixed to it, or the clocks are apart",
-                    disagreement / kDeg));
+                    disagreement / kRadPerDeg));
   std::vector<SensorPair> kept, held_out;
   for (std::size_t i = 0; i < pairs.size(); ++i) (i % 5 == 4 ? held_out : kept).push_back(pairs[i]);
-  const Solved without = solve(kept, sigma_mm, sigma_deg * kDeg),
-               s = solve(pairs, sigma_mm, sigma_deg * kDeg);
+  const Solved without = solve(kept, sigma_mm, sigma_deg * kRadPerDeg),
+               s = solve(pairs, sigma_mm, sigma_deg * kRadPerDeg);
   SensorCalibration c;
   const double n = static_cast<double>(pairs.size());
   c.used = pairs.size();
   c.rms_mm = std::sqrt(s.mm2 / n);
-  c.rms_deg = std::sqrt(s.rad2 / n) / kDeg;
+  c.rms_deg = std::sqrt(s.rad2 / n) / kRadPerDeg;
   double held = 0;
   for (const SensorPair& p : held_out) held += error_of(p, without.x, without.y).translation_mm.squaredNorm();
   c.held_out_mm = held_out.empty() ? 0 : std::sqrt(held / static_cast<double>(held_out.size()));
@@ -200,7 +201,7 @@ Result<SensorCalibration> calibrate_sensor_by_points(const std::vector<Vector3>&
                                                      const std::vector<Vector3>& in_sensor_mm) {
   const std::size_t n = in_bow_mm.size();
   if (n != in_sensor_mm.size() || n < 4)
-    return bad_input(kWhat, "points",
+    return bad_input(kCannotCalibrateSensor, "points",
                      fmt::format("{} of the bow and {} digitised, need 4 of each", n, in_sensor_mm.size()));
   const auto fit = [&](std::size_t left_out) {
     Vector3 to = Vector3::Zero(), from = Vector3::Zero();
@@ -234,11 +235,12 @@ Result<SensorCalibration> calibrate_sensor_by_points(const std::vector<Vector3>&
   }
   const Eigen::SelfAdjointEigenSolver<Matrix3> shape(spread);
   if (std::sqrt(std::max(0.0, shape.eigenvalues()[1])) < 2)
-    return bad_input(kWhat, "points", "lie on a line or close together: rotation about it is not determined");
+    return bad_input(kCannotCalibrateSensor, "points",
+                     "lie on a line or close together: rotation about it is not determined");
   c.rms_mm = std::sqrt(squares / static_cast<double>(n));
   if (c.rms_mm > 3)
     return bad_input(
-        kWhat, "points",
+        kCannotCalibrateSensor, "points",
         fmt::format("digitised points do not fit the bow's: {:.1f} mm RMS; another order, another bow, or "
                     "not millimetres",
                     c.rms_mm));

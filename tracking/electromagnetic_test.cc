@@ -7,6 +7,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "core/angle.h"
 #include "core/random.h"
 #include "tracking/list_source.h"
 
@@ -15,7 +16,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using testing::ListSource;
-constexpr double kDegree = M_PI / 180, kRate_hz = 120;
+constexpr double kRate_hz = 120;
 
 /// A head with two sensors (2 and 3) and a bow with one (1) that opens and closes, six seconds.
 struct Scene {
@@ -50,9 +51,9 @@ struct Scene {
         s.header.capture.ns = 5'000'000'000LL + static_cast<std::int64_t>(t * 1e9);
         s.reference = "transmitter";
         if (sensor == 3 && t >= metal_from_s && t < metal_to_s)
-          truth = {truth.rotation * exp_so3(Vector3(metal_deg * kDegree, 0, 0)),
+          truth = {truth.rotation * exp_so3(Vector3(metal_deg * kRadPerDeg, 0, 0)),
                    truth.translation_mm + metal_mm * truth.rotation.col(0)};
-        s.reference_from_body.rotation = exp_so3(sigma_deg * kDegree * random.normal3()) * truth.rotation;
+        s.reference_from_body.rotation = exp_so3(sigma_deg * kRadPerDeg * random.normal3()) * truth.rotation;
         s.reference_from_body.translation_mm = scale * (truth.translation_mm + sigma_mm * random.normal3());
         s.valid = !(sensor == 1 && i % 97 == 50);
         if (!s.valid) s.reason = "source failed in xy";
@@ -200,7 +201,7 @@ std::vector<SensorPair> calibration_pairs(std::uint64_t seed, bool one_axis, con
     for (int k = 0; k < 6; ++k) e[k] = random.normal();
     p.camera_from_bow = exp_se3(Matrix6(Eigen::LLT<Matrix6>(p.camera_covariance).matrixL()) * e) * m;
     const Rigid3 s = camera_from_transmitter.inverse() * m * x;
-    p.transmitter_from_sensor = {s.rotation * exp_so3(sigma_deg * kDegree * random.normal3()),
+    p.transmitter_from_sensor = {s.rotation * exp_so3(sigma_deg * kRadPerDeg * random.normal3()),
                                  s.translation_mm + sigma_mm * random.normal3()};
     pairs.push_back(p);
   }

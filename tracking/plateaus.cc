@@ -6,14 +6,14 @@
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
 
+#include "core/angle.h"
 #include "tracking/rests.h"
 #include "tracking/se3_mean.h"
 
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot find MI and TP";
-constexpr double kDeg = M_PI / 180;
+const char* const kCannotFindPositions = "cannot find MI and TP";
 
 /// Sample covariance drawn toward the shape that the single frames' own covariances give, scaled to the level
 /// seen: a sample of few frames has too little to tell all 21 numbers.
@@ -28,7 +28,7 @@ Matrix6 steadied(const Matrix6& sample, const Matrix6& predicted, double frames)
 /// The floor as a covariance in the head frame: `mm` about the bow's reference point, `deg` about any axis.
 Matrix6 floor_covariance(const PlateauOptions& options, const Vector3& point_in_head_mm) {
   Matrix6 at_point = Matrix6::Zero();
-  at_point.topLeftCorner<3, 3>() = Matrix3::Identity() * std::pow(options.floor_deg * kDeg, 2);
+  at_point.topLeftCorner<3, 3>() = Matrix3::Identity() * std::pow(options.floor_deg * kRadPerDeg, 2);
   at_point.bottomRightCorner<3, 3>() = Matrix3::Identity() * std::pow(options.floor_mm, 2);
   const Matrix6 ad = adjoint(Rigid3::from_translation(point_in_head_mm));
   return ad * at_point * ad.transpose();
@@ -56,7 +56,7 @@ void tell_dispersion(const std::vector<const MotionRow*>& rows, const PlateauOpt
   plateau->typical_mm = *middle;
   const double n = static_cast<double>(rows.size());
   plateau->dispersion_mm = std::sqrt(squares_mm2 / n);
-  plateau->dispersion_deg = std::sqrt(squares_rad2 / n) / kDeg;
+  plateau->dispersion_deg = std::sqrt(squares_rad2 / n) / kRadPerDeg;
 }
 
 /// Presses and releases of one kind of mark, as intervals; a mark never released ends with the session.
@@ -94,7 +94,8 @@ Result<std::vector<Plateau>> marked(const SessionMotion& session,
       notes->push_back(fmt::format("{} at {:.2f}..{:.2f} s left out: {}", name, start, end, last.why));
     }
   }
-  if (plateaus.empty() && !intervals.empty()) return in_context(fmt::format("{} ({})", kWhat, name), last);
+  if (plateaus.empty() && !intervals.empty())
+    return in_context(fmt::format("{} ({})", kCannotFindPositions, name), last);
   return plateaus;
 }
 
@@ -140,8 +141,8 @@ Closure closure_of(const JawPositions& positions, std::size_t second, const Plat
   const Vector3 point = a.value * options.point_in_bow_mm, moved = b.value * options.point_in_bow_mm;
   c.distance_mm = (moved - point).norm();
   c.sigma_mm = std::sqrt(point_covariance(cov, point).trace());
-  c.angle_deg = xi.head<3>().norm() / kDeg;
-  c.sigma_deg = std::sqrt(cov.topLeftCorner<3, 3>().trace()) / kDeg;
+  c.angle_deg = xi.head<3>().norm() / kRadPerDeg;
+  c.sigma_deg = std::sqrt(cov.topLeftCorner<3, 3>().trace()) / kRadPerDeg;
   c.sigmas = std::sqrt(xi.dot(cov.ldlt().solve(xi)) / 6);
   return c;
 }

@@ -10,7 +10,7 @@
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot find MI and TP";
+const char* const kCannotFindRests = "cannot find MI and TP";
 constexpr double kSamePlace_mm = 0.4, kSamePlace_deg = 0.4;  // MI is reproduced within about 0.1 mm
 
 /// A valid row and where it puts the reference point in the head frame.
@@ -119,7 +119,7 @@ std::vector<RestPlace> rank_places(const std::vector<Plateau>& rests, const Plat
 Status label_mi(const std::vector<Plateau>& rests, const PlateauOptions& options, JawPositions* positions) {
   if (!positions->mi.empty()) return {};
   if (rests.empty())
-    return bad_input(kWhat, "session", "no marks, no intervals given, and the jaw never rests");
+    return bad_input(kCannotFindRests, "session", "no marks, no intervals given, and the jaw never rests");
   std::vector<RestPlace> places = rank_places(rests, options);
   if (!positions->tp.empty())  // marked: no place to look for MI
     places.erase(std::remove_if(places.begin(), places.end(),
@@ -127,7 +127,7 @@ Status label_mi(const std::vector<Plateau>& rests, const PlateauOptions& options
                                   return same_place(rests[p.rests.front()], positions->tp.front(), options);
                                 }),
                  places.end());
-  if (places.empty()) return bad_input(kWhat, "session", "no MI: every rest is at the marked TP");
+  if (places.empty()) return bad_input(kCannotFindRests, "session", "no MI: every rest is at the marked TP");
   for (const std::size_t i : places.front().rests) positions->mi.push_back(rests[i]);
   positions->notes.push_back(
       fmt::format("MI was not marked: taken as the rest that is visited most often, {} times",
@@ -149,7 +149,7 @@ Status label_tp(const std::vector<Plateau>& rests, const PlateauOptions& options
                               }),
                places.end());
   if (places.empty())
-    return bad_input(kWhat, "session",
+    return bad_input(kCannotFindRests, "session",
                      rests.empty() ? "no TP: the jaw never rests" : "no TP: every rest is at MI");
   const auto longest =
       std::max_element(places.begin(), places.end(),

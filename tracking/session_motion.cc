@@ -16,7 +16,7 @@
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot track the session";
+const char* const kCannotTrackSession = "cannot track the session";
 constexpr std::size_t kPiecesWithPictures = 2;
 
 /// What the rig's cameras delivered at one time.
@@ -238,13 +238,13 @@ void add_missing_rows(const std::vector<CounterBook::Lost>& lost, double same_in
 Status check_image(const FrameSample& frame, const CameraModel& camera) {
   const Image8& image = frame.image;
   if (image.width_px != camera.width_px || image.height_px != camera.height_px) {
-    return bad_input(kWhat, frame.header.stream,
+    return bad_input(kCannotTrackSession, frame.header.stream,
                      fmt::format("its frames are {}×{} px, the rig says {}×{}", image.width_px,
                                  image.height_px, camera.width_px, camera.height_px));
   }
   const auto area = static_cast<std::size_t>(image.width_px) * static_cast<std::size_t>(image.height_px);
   if (image.pixels.size() != area)
-    return bad_input(kWhat, frame.header.stream, "a frame has not all its pixels");
+    return bad_input(kCannotTrackSession, frame.header.stream, "a frame has not all its pixels");
   return {};
 }
 
@@ -262,7 +262,8 @@ class SessionTracker {
     GNATHION_CHECK_OK(pull_all(source, progress));
     submit_instants(true);
     workers_->finish();
-    if (frames_ == 0) return bad_input(kWhat, "recording", "no frame of " + camera_names() + streams_seen());
+    if (frames_ == 0)
+      return bad_input(kCannotTrackSession, "recording", "no frame of " + camera_names() + streams_seen());
     return collect();
   }
 
@@ -281,7 +282,7 @@ class SessionTracker {
     bool first = true;
     while (true) {
       auto pulled = source.next();
-      if (!pulled) return in_context(kWhat, pulled.error());
+      if (!pulled) return in_context(kCannotTrackSession, pulled.error());
       if (!*pulled) return {};
       if (std::exchange(first, false)) session_.start = header_of(**pulled).capture;
       GNATHION_CHECK_OK(take(std::move(**pulled)));

@@ -1,4 +1,5 @@
 #include "tracking/slip.h"
+#include "core/angle.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +10,7 @@
 namespace gnathion {
 namespace {
 
-constexpr double kDegree = M_PI / 180, kLever_mm = 80;
+constexpr double kLever_mm = 80;
 constexpr double kConsistent = 20.1;            // χ² of 6 degrees of freedom, 99.73 % (3σ)
 constexpr std::size_t kWindow = 15, kSkip = 2;  // rows on either side of a jump, and next to it left out
 
@@ -142,7 +143,7 @@ std::vector<Slip> find_slips(const SessionMotion& session, const JawPositions& p
     slip.before = i - 1;
     slip.after = i;
     slip.distance_mm = (exp_se3(xi) * point - point).norm();
-    slip.angle_deg = xi.head<3>().norm() / kDegree;
+    slip.angle_deg = xi.head<3>().norm() / kRadPerDeg;
     if (steps.empty()) steps = steps_of(session, point);
     tell_cause(session, steps, usual_size(steps), told_at(exp_se3(Vector6(-xi)), point), a.start_s, b.end_s,
                &slip);

@@ -4,12 +4,11 @@
 
 #include <fmt/format.h>
 
+#include "core/angle.h"
 #include "tracking/analysis/jaw_scene.h"
 
 namespace gnathion {
 namespace {
-
-constexpr double kDegree = M_PI / 180;
 
 /// When a point's path, seen by `length`, first reaches `chord_mm` on the outward limb.
 template <class Length>
@@ -91,7 +90,7 @@ JawNumber inclination(const JawScene& scene, const JawSegment* s, const std::opt
     const auto at = crossing(scene, *point_mm, *s, chord_mm, sagittal);
     if (at) {
       const Vector3 d = scene.displacement_at(*point_mm, *at);
-      set(std::atan2(plane.downward(d), plane.forward(d)) / kDegree, s->start_s, *at, scene, &n);
+      set(std::atan2(plane.downward(d), plane.forward(d)) / kRadPerDeg, s->start_s, *at, scene, &n);
     } else {
       n.reason = fmt::format("the protrusion does not reach {:g} mm here, or a gap hides where", chord_mm);
     }
@@ -122,7 +121,7 @@ void add_balancing(const JawScene& scene, const std::vector<JawSegment>& segment
       const auto at = crossing(scene, *condyle, *s, chord, [](const Vector3& d) { return d.norm(); });
       if (at) {
         const Vector3 d = scene.displacement_at(*condyle, *at);
-        set(std::atan2(d.dot(medial), plane.forward(d)) / kDegree, s->start_s, *at, scene, &n);
+        set(std::atan2(d.dot(medial), plane.forward(d)) / kRadPerDeg, s->start_s, *at, scene, &n);
       } else {
         n.reason = fmt::format("the balancing condyle does not travel {:g} mm, or a gap hides where", chord);
       }
@@ -141,7 +140,7 @@ void add_balancing(const JawScene& scene, const std::vector<JawSegment>& segment
     const auto line = side_shift_line(scene, *condyle, medial, *s, 2, 5);
     if (line) {
       set(line->intercept, s->start_s, s->turn_s, scene, &immediate);
-      set(std::atan(line->slope) / kDegree, s->start_s, s->turn_s, scene, &progressive);
+      set(std::atan(line->slope) / kRadPerDeg, s->start_s, s->turn_s, scene, &progressive);
     } else {
       immediate.reason = progressive.reason =
           "fewer than 4 rows, or less than half the way, between 2 and 5 mm of advance";

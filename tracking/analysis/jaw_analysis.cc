@@ -6,14 +6,14 @@
 #include <fmt/format.h>
 #include <Eigen/Eigenvalues>
 
+#include "core/angle.h"
 #include "core/random.h"
 #include "tracking/analysis/jaw_scene.h"
 
 namespace gnathion {
 namespace {
 
-const char* const kWhat = "cannot analyse the jaw's motion";
-constexpr double kDegree = M_PI / 180;
+const char* const kCannotAnalyse = "cannot analyse the jaw's motion";
 
 /// Matrix square root for drawing; covariances may be singular or zero.
 Matrix6 root(const Matrix6& covariance) {
@@ -92,8 +92,8 @@ HingeArc arc_of(const JawScene& scene, const std::vector<Matrix6>& covariance, c
   const auto [first, last] = scene.rows(s.start_s, s.turn_s);
   for (std::size_t i = first; i <= last; ++i) {
     const double angle = log_so3(scene.mandible[i].rotation).dot(scene.landmarks.plane.left);
-    if (angle > arc_deg * kDegree) break;
-    if (angle < 0.5 * kDegree) continue;
+    if (angle > arc_deg * kRadPerDeg) break;
+    if (angle < 0.5 * kRadPerDeg) continue;
     arc.motions.push_back(scene.mandible[i]);
     arc.covariance.push_back(covariance[i]);
   }
@@ -174,11 +174,11 @@ Status check_axis(const JawScene& scene, const std::vector<Matrix6>& covariance,
                along = plane.leftward(axis->direction);
   if (behind >= 35 && behind <= 160 && std::abs(above) <= 100 && along >= 0.85) return {};
   return bad_input(
-      kWhat, "opening",
+      kCannotAnalyse, "opening",
       fmt::format("the jaw seems to turn about an axis {:.0f} mm behind and {:.0f} mm above the incisal "
                   "point, {:.0f} deg off the transverse direction, which no jaw does: the chain is "
                   "another bow's, the landmarks are another patient's, or the poses are not in mm",
-                  behind, above, std::acos(std::clamp(along, -1.0, 1.0)) / kDegree));
+                  behind, above, std::acos(std::clamp(along, -1.0, 1.0)) / kRadPerDeg));
 }
 
 Status check_motion(const JawScene& scene) {
@@ -193,19 +193,19 @@ Status check_motion(const JawScene& scene) {
   }
   if (away < 2)
     return bad_input(
-        kWhat, "motion",
+        kCannotAnalyse, "motion",
         fmt::format("the incisal point never leaves MI by more than {:.3f} mm ({:.2f} deg): one static "
                     "pose, or not millimetres",
-                    away, turn / kDegree));
+                    away, turn / kRadPerDeg));
   if (away > 100)
     return bad_input(
-        kWhat, "motion",
+        kCannotAnalyse, "motion",
         fmt::format("the incisal point moves by {:.0f} mm, no jaw opens so far: landmarks far from the "
                     "jaw, a chain of another bow, or not millimetres",
                     away));
   if (up > 5 && up > down)
     return bad_input(
-        kWhat, "motion",
+        kCannotAnalyse, "motion",
         fmt::format("the incisal point moves {:.1f} mm towards the maxilla and {:.1f} mm away from it: "
                     "the reference plane is upside down, or the chain is another bow's",
                     up, down));

@@ -4,12 +4,11 @@
 
 #include <fmt/format.h>
 
+#include "core/angle.h"
 #include "tracking/analysis/jaw_scene.h"
 
 namespace gnathion {
 namespace {
-
-constexpr double kDegree = M_PI / 180;
 
 JawNumber number(const char* name, const char* side, const char* unit, const char* definition) {
   JawNumber n;
@@ -62,7 +61,7 @@ void add_opening(const JawScene& scene, const std::vector<JawSegment>& segments,
       return;
     }
     determined(peak.value, &n[0]);
-    determined(scene.opening_rad_at(peak.time_s) / kDegree, &n[1]);
+    determined(scene.opening_rad_at(peak.time_s) / kRadPerDeg, &n[1]);
     determined(plane.leftward(top), &n[2]);
     const auto off_line = [&](const Vector3& d) {
       return plane.leftward(d) - plane.leftward(top) * plane.downward(d) / plane.downward(top);
@@ -178,8 +177,8 @@ void add_hinge(const JawScene& scene, const std::optional<HingeAxis>& hinge, con
     const double along = plane.leftward(hinge->direction);
     determined(-plane.forward(d), &n[0]);
     determined(-plane.downward(d), &n[1]);
-    determined(std::atan2(plane.forward(hinge->direction), along) / kDegree, &n[2]);
-    determined(std::atan2(-plane.downward(hinge->direction), along) / kDegree, &n[3]);
+    determined(std::atan2(plane.forward(hinge->direction), along) / kRadPerDeg, &n[2]);
+    determined(std::atan2(-plane.downward(hinge->direction), along) / kRadPerDeg, &n[3]);
     for (JawNumber& x : n) {
       x.start_s = hinge->start_s;
       x.end_s = hinge->end_s;

@@ -1,12 +1,11 @@
 #include "tracking/analysis/jaw_segments.h"
+#include "core/angle.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace gnathion {
 namespace {
-
-constexpr double kDegree = M_PI / 180;
 
 /// What a movement looks like at one row, in the anatomical directions.
 struct Look {
@@ -91,8 +90,8 @@ double largest_opening(const Piece& piece, const std::vector<Look>& look) {
 bool may_be_chewing(const Piece& piece, const std::vector<double>& time_s, const std::vector<Look>& look,
                     const SegmentOptions& options) {
   const double duration = time_s[piece.last] - time_s[piece.first], opening = largest_opening(piece, look);
-  return duration >= 0.2 && duration <= options.longest_cycle_s && opening >= 4.5 * kDegree &&
-         opening <= 20 * kDegree;
+  return duration >= 0.2 && duration <= options.longest_cycle_s && opening >= 4.5 * kRadPerDeg &&
+         opening <= 20 * kRadPerDeg;
 }
 
 JawMovement border_movement(const Piece& piece, const std::vector<Look>& look) {
@@ -103,9 +102,9 @@ JawMovement border_movement(const Piece& piece, const std::vector<Look>& look) {
     forward = std::max(forward, look[i].forward_mm);
   }
   const Look& turn = look[turn_of(piece, look)];
-  if (largest_opening(piece, look) >= 6 * kDegree)
+  if (largest_opening(piece, look) >= 6 * kRadPerDeg)
     return std::abs(turn.left_mm) < 0.5 * turn.down_mm ? JawMovement::kOpening : JawMovement::kOther;
-  if (std::abs(sideways) >= 2.5 && std::abs(yaw) >= 1.5 * kDegree && sideways * yaw > 0)
+  if (std::abs(sideways) >= 2.5 && std::abs(yaw) >= 1.5 * kRadPerDeg && sideways * yaw > 0)
     return sideways > 0 ? JawMovement::kLaterotrusionLeft : JawMovement::kLaterotrusionRight;
   if (forward >= 2 && std::abs(sideways) < 0.5 * forward) return JawMovement::kProtrusion;
   return JawMovement::kOther;
@@ -143,7 +142,7 @@ std::vector<JawSegment> from_given(const std::vector<double>& time_s, const std:
     if (given.movement == JawMovement::kChewing) pieces = cut_at_closings(whole, look);
     for (const Piece& p : pieces) {
       JawSegment s{given.movement, time_s[p.first], time_s[p.last], time_s[turn_of(p, look)], "given", false};
-      if (given.movement != JawMovement::kChewing || largest_opening(p, look) >= 2 * kDegree)
+      if (given.movement != JawMovement::kChewing || largest_opening(p, look) >= 2 * kRadPerDeg)
         segments.push_back(s);
     }
   }
