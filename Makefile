@@ -68,7 +68,7 @@ campaign-splints: build
 # The chain on fresh virtual patients, at TP, at 25° and with repeated scans; two intraoral scans on the real jaws.
 SEEDS ?= 200
 campaign-chain: build
-	@$(BIN)/chain_campaign --seeds $(SEEDS) --anatomies 10 && $(BIN)/chain_campaign --seeds 50 --anatomies 5 --open
+	@$(BIN)/chain_campaign --seeds $(SEEDS) --anatomies 10 --film && $(BIN)/chain_campaign --seeds 50 --anatomies 5 --open
 	@$(BIN)/chain_campaign --seeds 50 --anatomies 5 --repeats 2
 	@$(BIN)/scans_campaign --cases 500 && $(BIN)/scans_campaign --cases 60 --tissue 0.3 --missing 2 --coarse 1.0
 
