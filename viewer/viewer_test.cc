@@ -8,6 +8,7 @@
 #include <QCheckBox>
 #include <QComboBox>
 #include <QDoubleSpinBox>
+#include <QFileDialog>
 #include <QLineEdit>
 #include <QListWidget>
 #include <QPushButton>
@@ -27,6 +28,11 @@ VTK_MODULE_INIT(vtkInteractionStyle)
 
 namespace gnathion {
 namespace {
+
+void keep_picture(QWidget& widget, const char* name) {
+  if (const char* folder = std::getenv("GNATHION_PICTURES"))
+    widget.grab().save(QString("%1/%2.png").arg(folder, name));
+}
 
 TEST_F(ViewerTest, EachLayerShowsInItsColourAndTheEyeHidesIt) {
   Hands h(folder_);
@@ -138,6 +144,41 @@ TEST_F(ViewerTest, TransformationBySlidersTypingAndHandIsUndone) {
   const Vector3 by = (moved * measured.inverse()).translation_mm;
   EXPECT_GT((measured.rotation * arch.up).dot(by), 0.5) << "dragging the arrow did not move the mandible";
   EXPECT_LT((moved.rotation - measured.rotation).norm(), 1e-9) << "an arrow does not turn";
+}
+
+/// The window goes on under the dialog that asks for a file.
+TEST_F(ViewerTest, TransformationComesFromAFileThatIsChosen) {
+  const fs::path good = folder_ / "chosen.txt", bad = folder_ / "broken.json";
+  ASSERT_TRUE(write_file(good, "1 0 0 0  0 1 0 0.5  0 0 1 -3  0 0 0 1\n"));
+  ASSERT_TRUE(write_file(bad, "{\"kind\":\"motion\""));
+  Hands h(folder_);
+  h.step(3);
+  const auto& state = h.window.document().state();
+  const Rigid3 measured = *state.therapeutic;
+  const auto dialog = [&] { return h.window.findChild<QFileDialog*>("fileDialog"); };
+  const auto choose = [&](const fs::path& file) {
+    h.click("transformFile");
+    ASSERT_TRUE(h.wait([&] { return dialog() && dialog()->isVisible(); }));
+    keep_picture(*dialog(), "file_dialog");
+    auto* name = dialog()->findChild<QLineEdit*>("fileNameEdit");
+    ASSERT_NE(name, nullptr);
+    QTest::keyClicks(name, QString::fromStdString(file.string()));
+    QTest::keyClick(name, Qt::Key_Return);
+    ASSERT_TRUE(h.wait([&] { return !dialog(); })) << "the dialog stays";
+  };
+  choose(good);
+  EXPECT_LT((state.therapeutic->translation_mm - Vector3(0, 0.5, -3)).norm(), 1e-9);
+  EXPECT_EQ(state.therapeutic_source, "chosen.txt");
+  choose(bad);
+  auto* message = h.find<QLabel>("messageText");
+  EXPECT_TRUE(message->isVisible() && message->text().contains("broken.json")) << message->text().toStdString();
+  EXPECT_LT((state.therapeutic->translation_mm - Vector3(0, 0.5, -3)).norm(), 1e-9) << "a broken file was taken";
+  h.click("transformFile");
+  ASSERT_TRUE(h.wait([&] { return dialog() && dialog()->isVisible(); }));
+  QTest::keyClick(dialog(), Qt::Key_Escape);
+  EXPECT_TRUE(h.wait([&] { return !dialog(); }));
+  QTest::keyClick(&h.window, Qt::Key_Z, Qt::ControlModifier);
+  EXPECT_LT((state.therapeutic->matrix() - measured.matrix()).norm(), 1e-12);
 }
 
 /// Minutes of one core for the volume: the long form, with GNATHION_CAMPAIGN=1.
@@ -318,8 +359,33 @@ TEST_F(ViewerTest, MarginIsDrawnOnTheCrownsAndUndone) {
   undo();
   ASSERT_EQ(margins.size(), 1u);
 
-  // The preview ends at the curve: what it had beyond goes, or comes.
   QTest::keyClick(&h.window, Qt::Key_Escape);
+  // For a splint of the lower teeth the upper jaw comes down, and its margin with it.
+  const auto facts = [&] { return h.find<QLabel>("marginFacts")->text(); };
+  h.window.document().change("Lower", [](SessionState& s) { s.arch = Arch::kMandible; });
+  h.click("previewBox");
+  h.settle();
+  h.tool("view_left");
+  keep_picture(h.window, "margin_other_arch");
+  const Rigid3 down = layers.find("maxilla")->pose;
+  EXPECT_GT((down.matrix() - Matrix4::Identity()).norm(), 0.01);
+  const QImage moved = h.picture();
+  for (const Vector3& p : margins[0].points_mm) {
+    const QPoint at = h.window.scene().project(down * p)->toPoint();
+    int blue = 0;
+    for (int dy = -3; dy <= 3; ++dy)
+      for (int dx = -3; dx <= 3; ++dx) {
+        const QColor c(moved.pixel(at + QPoint(dx, dy)));
+        blue += c.blue() > c.red() + 60;
+      }
+    EXPECT_GT(blue, 5) << "the margin is not on the crowns it was drawn on";
+  }
+  EXPECT_TRUE(facts().contains("other jaw")) << facts().toStdString();
+  h.click("previewBox");
+  undo();
+  EXPECT_FALSE(facts().contains("other jaw"));
+
+  // The preview ends at the curve: what it had beyond goes, or comes.
   EXPECT_TRUE(layers.shows("splint") && layers.shows("mandible_tp")) << "what was hidden does not come back";
   const auto preview = [&] { return layers.find("preview"); };
   h.click("previewBox");
@@ -413,6 +479,10 @@ TEST_F(ViewerTest, BuildsInTheBackgroundOrIsCancelled) {
   EXPECT_TRUE(shown.shows("mandible_mi"));
   EXPECT_FALSE(shown.shows("mandible_tp"));
   if (const char* keep = std::getenv("GNATHION_PICTURES")) h.whole().save(QString(keep) + "/lower.png");
+  h.step(5);
+  h.click("virtualPrint");
+  auto* message = h.find<QLabel>("messageText");
+  EXPECT_TRUE(message->isVisible() && message->text().contains("upper teeth")) << message->text().toStdString();
   h.step(3);
   EXPECT_LT((shown.find("maxilla")->pose.matrix() - Matrix4::Identity()).norm(), 1e-9);
   fs::remove_all(folder_ / "designs");
@@ -434,6 +504,30 @@ TEST_F(ViewerTest, OpensWhatIsThereSaysWhatIsNotAndForgetsNothing) {
     h.click("eye_maxilla");
     EXPECT_GT(difference(one, h.picture()).pixels, 5000) << "the upper jaw is not to be seen";
     for (int i = 0; i < 6; ++i) h.step(i);
+    EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
+  }
+  {
+    // Every result cut short or overwritten: the scans show, and each step says what it cannot read.
+    const fs::path cut = folder_ / "cut";
+    fs::create_directories(cut / "results");
+    fs::copy(folder_ / "scans", cut / "scans");
+    ASSERT_TRUE(write_file(cut / "case.toml", kCase));
+    for (const char* name : {"T_th.json", "design.json", "frames.json", "motion.mcap", "motion.csv", "splint.stl"})
+      ASSERT_TRUE(write_file(cut / "results" / name, "{\"kind\":"));
+    Hands h(cut);
+    auto* message = h.find<QLabel>("messageText");
+    EXPECT_TRUE(message->isVisible() && message->text().contains("Opened with what is there"))
+        << message->text().toStdString();
+    EXPECT_TRUE(h.window.document().layers().find("maxilla"));
+    for (int i = 0; i < 6; ++i) {
+      h.step(i);
+      keep_picture(h.window, ("cut_" + std::to_string(i)).c_str());
+    }
+    std::string told;
+    for (const Absence& a : h.window.document().content().absences)
+      if (a.broken) told += a.what + " (" + a.why + "); ";
+    for (const char* name : {"T_th", "splint", "design", "frames", "motion"})
+      EXPECT_NE(told.find(name), std::string::npos) << name << " is broken, and not told: " << told;
     EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
   }
   {

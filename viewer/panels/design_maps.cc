@@ -28,8 +28,12 @@ void DesignPanel::pose_jaws() {
   const auto& t = document().state().therapeutic;
   const bool lower = t && worn() == Arch::kMandible;
   layers.set_pose("maxilla", lower ? t->inverse() : Rigid3::identity());
-  if (lower == on_lower_) return;
+  if (lower == on_lower_) {
+    if (maps_ && (maps_arch_ == Arch::kMandible) != lower) show_marks();  // they follow T_th
+    return;
+  }
   on_lower_ = lower;
+  show_marks();
   const char *before = lower ? "mandible_tp" : "mandible_mi", *now = lower ? "mandible_mi" : "mandible_tp";
   if (!layers.shows(before)) return;
   layers.set_visible(before, false);
@@ -66,15 +70,16 @@ void DesignPanel::make_maps() {
             made->teeth.push_back(l);
           }
       },
-      [this, made, mesh = splint->mesh] {
+      [this, made, upper, mesh = splint->mesh] {
         const Layer* now = document().layers().find("splint");
-        if (now && now->mesh == mesh) put_maps(made->maps, made->undercut, made->teeth);
+        if (now && now->mesh == mesh) put_maps(made->maps, made->undercut, made->teeth, upper ? Arch::kMaxilla : Arch::kMandible);
       });
 }
 
 void DesignPanel::put_maps(const SplintMaps& maps, const std::vector<float>& undercut,
-                           const std::vector<ToothLabel>& teeth) {
+                           const std::vector<ToothLabel>& teeth, Arch arch) {
   maps_ = std::make_shared<const SplintMaps>(maps);
+  maps_arch_ = arch;
   teeth_ = teeth;
   const Layer splint = *document().layers().find("splint");
   const auto put = [&](const char* id, const char* name, SharedMesh mesh, Color color_3d, Color color_2d,
@@ -101,7 +106,7 @@ void DesignPanel::put_maps(const SplintMaps& maps, const std::vector<float>& und
       false);
   put("contacts", "Contacts and gap", splint.mesh, {0.7, 0.6, 0.5}, {}, diverging_colors(maps.gap_mm, 0.5),
       false);
-  const bool upper = document().state().arch == Arch::kMaxilla;
+  const bool upper = arch == Arch::kMaxilla;
   if (const Layer* support = document().layers().find(upper ? "maxilla" : "mandible_mi"))
     put("undercut", "Undercut", support->mesh, {0.84, 0.5, 0.2}, {}, diverging_colors(undercut, 45), false);
   show_marks();
@@ -124,16 +129,23 @@ void DesignPanel::show_scale() {
 
 void DesignPanel::show_marks() {
   Overlay o;
+  // What was measured on a splint stays on its own teeth, when the jaws stand as for one of the other arch.
+  const auto& t = document().state().therapeutic;
+  const bool lower = maps_arch_ == Arch::kMandible;
+  const Rigid3 shown = !t || lower == on_lower_ ? Rigid3::identity() : lower ? *t : t->inverse();
   if (isVisible() && numbers_->isChecked())
-    for (const ToothLabel& t : teeth_)
-      o.labels.push_back({t.at_mm, std::to_string(t.fdi), {0.08, 0.14, 0.3}, 14, true});
+    for (const ToothLabel& tooth : teeth_)
+      o.labels.push_back({shown * tooth.at_mm, std::to_string(tooth.fdi), {0.08, 0.14, 0.3}, 14, true});
   if (isVisible() && margin_->isChecked() && maps_)
-    for (const auto& curve : maps_->margin_mm) o.lines.push_back({curve, safe_palette::kVermilion, 3});
+    for (std::vector<Vector3> curve : maps_->margin_mm) {
+      for (Vector3& p : curve) p = shown * p;
+      o.lines.push_back({std::move(curve), safe_palette::kVermilion, 3});
+    }
   if (isVisible() && apertures_->isChecked() && report_ && report_->contains("apertures")) {
     for (const auto& a : (*report_)["apertures"]) {
       if (!a.is_object() || !a.contains("centre_mm") || a["centre_mm"].size() != 3) continue;
-      const Vector3 at(a["centre_mm"][0].get<double>(), a["centre_mm"][1].get<double>(),
-                       a["centre_mm"][2].get<double>());
+      const Vector3 at = shown * Vector3(a["centre_mm"][0].get<double>(), a["centre_mm"][1].get<double>(),
+                                         a["centre_mm"][2].get<double>());
       o.balls.push_back({at, safe_palette::kPurple, 0.7});
       o.labels.push_back({at,
                           QString("%1 mm²").arg(a.value("area_mm2", 0.0), 0, 'f', 1).toUtf8().toStdString(),

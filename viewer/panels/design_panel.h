@@ -40,7 +40,7 @@ class DesignPanel : public Panel {
   void preview();
   void make_maps();
   void put_maps(const SplintMaps& maps, const std::vector<float>& undercut,
-                const std::vector<ToothLabel>& teeth);
+                const std::vector<ToothLabel>& teeth, Arch arch);
   void show_marks();
   void click_gate(int row);
   Vector3 place_of(const std::string& gate) const;
@@ -62,6 +62,7 @@ class DesignPanel : public Panel {
   std::vector<std::string> gate_names_;
   std::shared_ptr<const nlohmann::json> report_;
   std::shared_ptr<const SplintMaps> maps_;
+  Arch maps_arch_ = Arch::kMaxilla;  ///< that wears the splint which was measured
   std::vector<ToothLabel> teeth_;
   bool on_lower_ = false;  ///< the jaws stand as for a splint of the lower teeth
   std::shared_ptr<SplintPreviewer> previewer_ = std::make_shared<SplintPreviewer>();

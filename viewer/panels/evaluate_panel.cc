@@ -3,7 +3,6 @@
 #include <unistd.h>
 
 #include <QComboBox>
-#include <QFileDialog>
 #include <QGridLayout>
 #include <QHeaderView>
 #include <QLineEdit>
@@ -77,9 +76,8 @@ QWidget* EvaluatePanel::make_scans() {
     grid->addWidget(new QLabel(name), r, 0);
     grid->addWidget(edit, r, 1);
     auto* pick = button("…", QString(object) + "Pick", "Choose a file", [this, edit] {
-      const QString path = QFileDialog::getOpenFileName(this, "Scan", {}, "Meshes (*.stl *.ply *.obj)",
-                                                        nullptr, QFileDialog::DontUseNativeDialog);
-      if (!path.isEmpty()) edit->setText(path);
+      choose_file(this, "Scan", "Meshes (*.stl *.ply *.obj)",
+                  [edit](const QString& path) { edit->setText(path); });
     });
     pick->setFixedWidth(30);
     grid->addWidget(pick, r, 2);

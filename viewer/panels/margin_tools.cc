@@ -70,6 +70,10 @@ MarginTools::MarginTools(Workbench& bench) : bench_(bench) {
     refresh();
   });
   bench_.document.state_changed.add([this] { refresh(); });
+  bench_.document.layers().changed.add([this](const std::string& id, LayerChange change) {
+    const bool jaw = id == "maxilla" || id == "mandible_tp" || id == "mandible_mi";
+    if (jaw && change == LayerChange::kPose && shown_ && bench_.document.is_open()) refresh();
+  });
   bench_.tool_taken.add([this](const void* who) {
     if (who != this) put_down();
   });
@@ -129,7 +133,8 @@ std::optional<MarginTools::At> MarginTools::point_at(const QPointF& px) const {
   double nearest = kNearPx;
   for (std::size_t c = 0; c < margins.size(); ++c)
     for (std::size_t i = 0; i < margins[c].points_mm.size(); ++i) {
-      const auto at = bench_.scene.project(margins[c].points_mm[i]);
+      const auto at =
+          bench_.scene.project(shown_from_arch(arch_of(margins[c].points_mm)) * margins[c].points_mm[i]);
       if (!at) continue;
       const double d = std::hypot(at->x() - px.x(), at->y() - px.y());
       if (d < nearest) nearest = d, best = At{c, i};
@@ -259,9 +264,39 @@ void MarginTools::remove_curve() {
   });
 }
 
-/// The straight way between the points, laid on the surface.
+std::shared_ptr<const MeshQuery> MarginTools::surface_of(Arch arch) const {
+  if (arch == Arch::kMaxilla) return bench_.scene.surface("maxilla");
+  for (const char* id : {"mandible_mi", "mandible_tp"})  // the same scan
+    if (auto surface = bench_.scene.surface(id)) return surface;
+  return nullptr;
+}
+
+Arch MarginTools::arch_of(const std::vector<Vector3>& points) const {
+  const Arch chosen = bench_.document.state().arch;
+  const auto upper = surface_of(Arch::kMaxilla), lower = surface_of(Arch::kMandible);
+  if (!upper || !lower) return chosen;
+  double to_upper = 0, to_lower = 0;
+  for (const Vector3& p : points)
+    for (const auto& [surface, sum] : {std::pair{upper.get(), &to_upper}, {lower.get(), &to_lower}}) {
+      const auto hit = surface->closest(p, kDrapeReachMm);
+      *sum += hit ? (hit->point_mm - p).norm() : kDrapeReachMm;
+    }
+  if (to_upper == to_lower) return chosen;
+  return to_upper < to_lower ? Arch::kMaxilla : Arch::kMandible;
+}
+
+Rigid3 MarginTools::shown_from_arch(Arch arch) const {
+  const LayerModel& layers = bench_.document.layers();
+  const bool in_tp = arch == Arch::kMandible && !layers.shows("mandible_mi") && layers.shows("mandible_tp");
+  const Layer* layer = layers.find(arch == Arch::kMaxilla ? "maxilla" : in_tp ? "mandible_tp" : "mandible_mi");
+  return layer ? layer->pose : Rigid3::identity();
+}
+
+/// The straight way between the points, laid on the surface, where it shows.
 std::vector<Vector3> MarginTools::draped(const std::vector<Vector3>& points) const {
-  const auto surface = bench_.scene.surface(arch_layer());
+  const Arch arch = arch_of(points);
+  const auto surface = surface_of(arch);
+  const Rigid3 shown = shown_from_arch(arch);
   std::vector<Vector3> line;
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
     const Vector3 &a = points[i], &b = points[i + 1];
@@ -269,7 +304,7 @@ std::vector<Vector3> MarginTools::draped(const std::vector<Vector3>& points) con
     for (int k = i == 0 ? 0 : 1; k <= n; ++k) {
       const Vector3 p = a + (b - a) * (static_cast<double>(k) / n);
       const auto hit = surface ? surface->closest(p, kDrapeReachMm) : std::nullopt;
-      line.push_back(hit ? hit->point_mm : p);
+      line.push_back(shown * (hit ? hit->point_mm : p));
     }
   }
   return line;
@@ -287,22 +322,23 @@ void MarginTools::refresh() {
   if (chosen_ &&
       (chosen_->curve >= margins.size() || chosen_->point >= margins[chosen_->curve].points_mm.size()))
     chosen_.reset();
-  std::size_t points = 0;
+  std::size_t points = 0, others = 0;
   double length = 0;
   Overlay o;
   o.on_top = true;
   for (std::size_t c = 0; c < margins.size(); ++c) {
     points += margins[c].points_mm.size();
+    others += arch_of(margins[c].points_mm) != bench_.document.state().arch;
     std::vector<Vector3> line = draped(margins[c].points_mm);
     for (std::size_t i = 0; i + 1 < line.size(); ++i) length += (line[i + 1] - line[i]).norm();
     o.lines.push_back({std::move(line), safe_palette::kBlue, 3.5});
     if (at_work_)
       for (std::size_t i = 0; i < margins[c].points_mm.size(); ++i)
-        o.balls.push_back({margins[c].points_mm[i],
+        o.balls.push_back({shown_from_arch(arch_of(margins[c].points_mm)) * margins[c].points_mm[i],
                            chosen_ && *chosen_ == At{c, i} ? safe_palette::kVermilion : safe_palette::kBlue,
                            0.55});
   }
-  if (first_mm_) o.balls.push_back({*first_mm_, safe_palette::kVermilion, 0.55});
+  if (first_mm_) o.balls.push_back({shown_from_arch(bench_.document.state().arch) * *first_mm_, safe_palette::kVermilion, 0.55});
   if (shown_ && (!o.lines.empty() || !o.balls.empty()))
     bench_.scene.set_overlay("margins", std::move(o));
   else
@@ -311,6 +347,9 @@ void MarginTools::refresh() {
   remove_->setEnabled(!margins.empty());
   facts_->setText(at_work_          ? QString(kHint)
                   : margins.empty() ? "No margin drawn: the splint ends at the depth of the parameters."
+                  : others > 0 ? QString("%1 drawn on the other jaw's crowns: not for this splint. Remove it, or "
+                                         "choose that jaw.")
+                                     .arg(others == 1 ? "A margin is" : "Margins are")
                                     : QString("%1 %2, %3 points, %4 mm; the splint ends there.")
                                           .arg(margins.size())
                                           .arg(margins.size() == 1 ? "curve" : "curves")

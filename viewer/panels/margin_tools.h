@@ -41,6 +41,10 @@ class MarginTools : public QWidget {
   std::optional<At> segment_at(const QPointF& px) const;
   std::optional<Vector3> on_arch(const QPointF& px) const;
   std::vector<Vector3> draped(const std::vector<Vector3>& points_mm) const;
+  /// On whose crowns the points lie, in the frame that arch was scanned in; the chosen arch where only one shows.
+  Arch arch_of(const std::vector<Vector3>& points_mm) const;
+  std::shared_ptr<const MeshQuery> surface_of(Arch arch) const;
+  Rigid3 shown_from_arch(Arch arch) const;  ///< where that arch stands in the scene now
   std::string arch_layer() const;
 
   Workbench& bench_;

@@ -2,7 +2,6 @@
 
 #include <QCheckBox>
 #include <QDoubleSpinBox>
-#include <QFileDialog>
 #include <QGridLayout>
 #include <QHeaderView>
 #include <QLineEdit>
@@ -128,9 +127,8 @@ QWidget* TransformPanel::make_sources() {
   connect(handle_box_, &QCheckBox::toggled, this, [this] { show_manipulator(); });
   grid->addWidget(button("From file…", "transformFile", "T_th as JSON, 16 numbers or ITK .tfm",
                          [this] {
-                           take_file(QFileDialog::getOpenFileName(this, "Therapeutic position", {},
-                                                                  "Transforms (*.json *.txt *.tfm);;All (*)",
-                                                                  nullptr, QFileDialog::DontUseNativeDialog));
+                           choose_file(this, "Therapeutic position", "Transforms (*.json *.txt *.tfm);;All (*)",
+                                       [this](const QString& path) { take_file(path); });
                          }),
                   0, 0);
   grid->addWidget(button("From motion", "transformMotion", "The position chosen in the Motion step",
@@ -260,7 +258,6 @@ void TransformPanel::set_six(const QString& text, bool dragging) {
 }
 
 void TransformPanel::take_file(const QString& path) {
-  if (path.isEmpty()) return;
   const Result<MotionFile> motion = read_motion(path.toStdString());
   if (!motion) return document().report(QString::fromStdString(motion.error().line()));
   set_transform("T_th from a file", motion->motion.rigid, path.section('/', -1));

@@ -1,5 +1,6 @@
 #include "viewer/widgets/parts.h"
 
+#include <QFileDialog>
 #include <QHBoxLayout>
 #include <QHeaderView>
 #include <QPainter>
@@ -217,6 +218,17 @@ void ChartView::paintEvent(QPaintEvent*) {
   if (is_large_) return painter.drawRect(rect().adjusted(0, 0, -1, -1));
   painter.setFont(QFont(font().family(), 8));
   painter.drawText(rect().adjusted(0, 0, -6, -4), Qt::AlignRight | Qt::AlignBottom, "click: large");
+}
+
+void choose_file(QWidget* parent, const QString& title, const QString& filter,
+                 std::function<void(const QString&)> chosen) {
+  auto* dialog = new QFileDialog(parent, title, {}, filter);
+  dialog->setObjectName("fileDialog");
+  dialog->setOption(QFileDialog::DontUseNativeDialog);
+  dialog->setFileMode(QFileDialog::ExistingFile);
+  dialog->setAttribute(Qt::WA_DeleteOnClose);
+  QObject::connect(dialog, &QFileDialog::fileSelected, parent, std::move(chosen));
+  dialog->open();
 }
 
 }  // namespace gnathion

@@ -75,4 +75,8 @@ class ChartView : public QWidget {
   QSize drawn_for_;
 };
 
+/// Asks for an existing file; `chosen` gets it, when one is. Does not block: jobs and pictures go on.
+void choose_file(QWidget* parent, const QString& title, const QString& filter,
+                 std::function<void(const QString&)> chosen);
+
 }  // namespace gnathion
