@@ -104,6 +104,7 @@ QWidget* DesignPanel::make_gates() {
   column->setContentsMargins(6, 6, 6, 6);
   verdict_ = heading("");
   verdict_->setObjectName("designVerdict");
+  verdict_->setWordWrap(true);
   column->addWidget(verdict_);
   gates_ = plain_table({"", "Gate", "Value", "Limit"}, "gateTable");
   gates_->setColumnWidth(0, 22);
