@@ -76,7 +76,7 @@ QWidget* EvaluatePanel::make_scans() {
     grid->addWidget(new QLabel(name), r, 0);
     grid->addWidget(edit, r, 1);
     auto* pick = button("…", QString(object) + "Pick", "Choose a file", [this, edit] {
-      choose_file(this, "Scan", "Meshes (*.stl *.ply *.obj)",
+      choose_file(this, "Scan", case_folder(), "Meshes (*.stl *.ply *.obj)",
                   [edit](const QString& path) { edit->setText(path); });
     });
     pick->setFixedWidth(30);

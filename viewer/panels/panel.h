@@ -46,6 +46,8 @@ class Panel : public QWidget {
  protected:
   Document& document() { return bench_.document; }
   std::vector<Absence> absences() const;
+  /// Where files are asked for first; empty while none is open.
+  QString case_folder() const;
   Workbench& bench_;
 
  private:

@@ -79,6 +79,11 @@ Layer layer_of(const Look& look, SharedMesh mesh) {
 
 }  // namespace
 
+QString Panel::case_folder() const {
+  if (!bench_.document.is_open()) return {};
+  return QString::fromStdString(bench_.document.content().folder.string());
+}
+
 std::vector<Absence> Panel::absences() const {
   std::vector<Absence> out;
   if (!bench_.document.is_open()) return out;

@@ -127,7 +127,7 @@ QWidget* TransformPanel::make_sources() {
   connect(handle_box_, &QCheckBox::toggled, this, [this] { show_manipulator(); });
   grid->addWidget(button("From file…", "transformFile", "T_th as JSON, 16 numbers or ITK .tfm",
                          [this] {
-                           choose_file(this, "Therapeutic position", "Transforms (*.json *.txt *.tfm);;All (*)",
+                           choose_file(this, "Therapeutic position", case_folder(), "Transforms (*.json *.txt *.tfm);;All (*)",
                                        [this](const QString& path) { take_file(path); });
                          }),
                   0, 0);

@@ -220,9 +220,9 @@ void ChartView::paintEvent(QPaintEvent*) {
   painter.drawText(rect().adjusted(0, 0, -6, -4), Qt::AlignRight | Qt::AlignBottom, "click: large");
 }
 
-void choose_file(QWidget* parent, const QString& title, const QString& filter,
+void choose_file(QWidget* parent, const QString& title, const QString& folder, const QString& filter,
                  std::function<void(const QString&)> chosen) {
-  auto* dialog = new QFileDialog(parent, title, {}, filter);
+  auto* dialog = new QFileDialog(parent, title, folder, filter);
   dialog->setObjectName("fileDialog");
   dialog->setOption(QFileDialog::DontUseNativeDialog);
   dialog->setFileMode(QFileDialog::ExistingFile);

@@ -75,8 +75,9 @@ class ChartView : public QWidget {
   QSize drawn_for_;
 };
 
-/// Asks for an existing file; `chosen` gets it, when one is. Does not block: jobs and pictures go on.
-void choose_file(QWidget* parent, const QString& title, const QString& filter,
+/// Asks for an existing file, `folder`'s first; `chosen` gets it, when one is. Does not block: jobs and pictures
+/// go on.
+void choose_file(QWidget* parent, const QString& title, const QString& folder, const QString& filter,
                  std::function<void(const QString&)> chosen);
 
 }  // namespace gnathion
