@@ -310,6 +310,7 @@ void MainWindow::go_to_step(int step) {
   }
   apply_layers(static_cast<Step>(step));
   panel_of_[static_cast<std::size_t>(step)]->enter();
+  scene_->refit();
 }
 
 /// Each step shows what it is about; what the user chose there comes back.

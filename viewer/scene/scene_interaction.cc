@@ -73,9 +73,7 @@ void Scene3d::Impl::start_interaction() {
     style->AddObserver(event, motion_callback);
   filter = std::make_unique<MouseFilter>([this](SceneMouse::Kind kind, const QPointF& px, bool left,
                                                 bool plain) { return mouse(kind, px, left, plain); },
-                                         [this] {
-                                           if (fitted) self.fit();
-                                         });
+                                         [this] { self.refit(); });
   widget->installEventFilter(filter.get());
 }
 

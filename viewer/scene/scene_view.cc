@@ -338,6 +338,10 @@ void Scene3d::fit() {
   look_from(-Vector3(n[0], n[1], n[2]), Vector3(up[0], up[1], up[2]));
 }
 
+void Scene3d::refit() {
+  if (impl_->fitted) fit();
+}
+
 /// Of the visible layers' boxes.
 Vector3 Scene3d::Impl::middle() const {
   Vector3 sum = Vector3::Zero();

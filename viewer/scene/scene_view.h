@@ -84,7 +84,8 @@ class Scene3d {
   QImage picture() const;
 
   void look_from(const Vector3& towards_viewer, const Vector3& up);
-  void fit();  ///< from where the camera looks now, all that shows
+  void fit();    ///< from where the camera looks now, all that shows
+  void refit();  ///< the same, unless the camera was moved by hand since
   void look_at(const Vector3& point_mm, double width_mm);
   void link_camera(Scene3d& other);  ///< one camera for both, from now on
   void unlink_camera();
