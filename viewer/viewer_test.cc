@@ -523,6 +523,8 @@ TEST_F(ViewerTest, OpensWhatIsThereSaysWhatIsNotAndForgetsNothing) {
       h.step(i);
       keep_picture(h.window, ("cut_" + std::to_string(i)).c_str());
     }
+    h.step(3);
+    EXPECT_TRUE(h.wait([&] { return h.find<QLabel>("feasibilityVerdict")->text().contains("Set T_th first"); }));
     std::string told;
     for (const Absence& a : h.window.document().content().absences)
       if (a.broken) told += a.what + " (" + a.why + "); ";

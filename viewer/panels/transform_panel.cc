@@ -353,7 +353,11 @@ void TransformPanel::show_manipulator() {
 }
 
 void TransformPanel::check() {
-  if (!document().state().therapeutic) return;
+  if (!document().state().therapeutic) {
+    constraints_->setRowCount(0);
+    verdict_->setText("Can a splint hold it? Set T_th first.");
+    return;
+  }
   const Motion<Dental> t(*document().state().therapeutic);
   if (isVisible()) films_->follow(t);
   if (!checker_) return;
