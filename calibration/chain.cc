@@ -130,6 +130,18 @@ void judge_face_scans(const std::vector<SurfaceTerm>& terms, const TriangleMesh&
   judge("face scan in TP", chain.bow_from_face_tp, chain.face_tp);
 }
 
+/// Registrations whose surfaces differ by more than a scanner's noise does.
+void judge_surfaces(const std::vector<SurfaceTerm>& terms, Chain& chain) {
+  constexpr double kWorthTelling = 3.0;
+  for (const SurfaceTerm& term : terms)
+    if (term.rigid && term.widened > kWorthTelling)
+      chain.warnings.push_back(
+          fmt::format("{}: the surfaces differ by more than noise explains (bent, blurred or another body?): "
+                      "its variance "
+                      "is told {:.1f} times as large",
+                      term.name, term.widened));
+}
+
 Status check_units(const TriangleMesh& mesh, const std::string& name, double least_mm, double most_mm) {
   if (mesh.empty()) return bad_input("cannot solve chain", name, "missing or empty");
   const double size = bounding_box(mesh).size_mm().maxCoeff();
@@ -254,6 +266,7 @@ Result<Chain> solve_chain(const ChainScans& scans, const ChainOptions& options, 
   GNATHION_TRY(const ChainSolution solution, solve_poses(start.problem));
   Chain chain = assembled(scans, start.unknowns, solution, start.problem.terms);
   if (chain.has_faces) judge_face_scans(start.problem.terms, scans.mandible_mi, chain);
+  judge_surfaces(start.problem.terms, chain);
   chain.missing = missing_parts(scans, options);
   chain.tracked = agreement;
   return chain;

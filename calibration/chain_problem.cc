@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "calibration/chain_score.h"
 #include "calibration/se3_manifold.h"
@@ -188,6 +189,8 @@ void estimate_noises(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>&
 void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
   // χ² by its freedom: of six numbers a fit, and noise is estimated; of hundreds.
   constexpr double kContradicts = 3.0, kUnexplained = 1.2;
+  // Of one fit alone: good ones of its pool do not make up for it.
+  constexpr double kOneContradicts = 5.0, kOneUnexplained = 1.6;
   std::vector<Disagreement> apart(problem.terms.size());
   tbb::parallel_for(std::size_t{0}, apart.size(), [&](std::size_t i) {
     SurfaceTerm& term = problem.terms[i];
@@ -196,8 +199,12 @@ void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
     apart[i] = disagreement_of(term, pose_of(term, poses), problem.scale_sigmas);
   });
   std::map<int, Disagreement> pools;
+  std::set<int> spoilt;
   for (std::size_t i = 0; i < apart.size(); ++i) {
     Disagreement& pool = pools[problem.terms[i].noise_pool];
+    if (apart[i].chi2 > kOneContradicts * apart[i].freedom ||
+        apart[i].rest_chi2 > kOneUnexplained * apart[i].rest_freedom)
+      spoilt.insert(problem.terms[i].noise_pool);
     pool.chi2 += apart[i].chi2;
     pool.freedom += apart[i].freedom;
     pool.rest_chi2 += apart[i].rest_chi2;
@@ -207,7 +214,8 @@ void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
     const Disagreement& pool = pools[term.noise_pool];
     const double ratio = pool.freedom > 0 ? pool.chi2 / pool.freedom : 1.0;
     const double rest = pool.rest_freedom > 0 ? pool.rest_chi2 / pool.rest_freedom : 1.0;
-    term.generalised = term.rigid && pool.freedom > 0 && ratio < kContradicts && rest < kUnexplained;
+    term.generalised = term.rigid && pool.freedom > 0 && ratio < kContradicts && rest < kUnexplained &&
+                       spoilt.count(term.noise_pool) == 0;
     term.widened = std::max({1.0, ratio, rest});
   }
 }

@@ -109,9 +109,13 @@ SurfaceTerm term_of(std::string name, const ChainSurface& scan, const std::vecto
   term.scanner = scanner;
   term.scale_centre_mm = scan.centre_mm;
   term.noise_pool = pool;
-  // Chords of two scans sag alike; beside a CAD surface they would pull the scan out of it.
-  const auto sampled = onto == Onto::kCad ? sample_vertices : sample_surface;
-  set_samples(term, sampled(scan.mesh, keep, kPointsPerTerm * 5 / 4, seed));
+  // Chords of two scans sag alike; beside a CAD surface they would pull the scan out of it. A mesh of few
+  // vertices tells more by its faces all the same.
+  constexpr std::size_t kSamples = kPointsPerTerm * 5 / 4, kFewVertices = 1000;
+  SurfaceSamples samples;
+  if (onto == Onto::kCad) samples = sample_vertices(scan.mesh, keep, kSamples, seed);
+  if (samples.size() < kFewVertices) samples = sample_surface(scan.mesh, keep, kSamples, seed);
+  set_samples(term, samples);
   return term;
 }
 

@@ -149,13 +149,15 @@ GeneralisedScore PatchModel::score(const std::vector<PlanePair>& pairs, const Ri
 Disagreement PatchModel::disagreement(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
                                       const ScoreRows& rows, const Eigen::VectorXd& other_sigmas) const {
   constexpr double kTells = 0.02;  // of the ordinary variance: less is rounding
+  // Of the pairs that the model was made of: no patch is without.
   const Means m = means(pairs, target_from_source, rows);
   const auto [j, r] = whitened(m);
   Disagreement out;
   if (j.rows() <= j.cols()) return out;
-  // What the generalised fit leaves.
-  out.rest_chi2 = (r - j * j.householderQr().solve(r)).squaredNorm();
-  out.rest_freedom = static_cast<int>(j.rows() - j.cols());
+  // What the generalised fit leaves. Scales of both surfaces together may do what a translation does.
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(j);
+  out.rest_chi2 = (r - j * qr.solve(r)).squaredNorm();
+  out.rest_freedom = static_cast<int>(j.rows() - qr.rank());
   // ξ = −A·r for the ordinary fit, −G·r for the generalised; columns scaled alike, which χ² does not feel.
   const Eigen::MatrixXd pose = m.jacobian.leftCols<6>();
   const Eigen::MatrixXd others = m.jacobian.rightCols(other_sigmas.size()) * other_sigmas.asDiagonal();

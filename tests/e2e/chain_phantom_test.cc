@@ -139,7 +139,8 @@ TEST(ChainWithTracker, AgreesOrIsRefused) {
   ASSERT_TRUE(chain->tracked);
   EXPECT_LT(chain->tracked->therapeutic_mm, 0.25);
   ASSERT_TRUE(chain->tracked->head_from_bow_mm);
-  // The tracker knows T_B better than the scans: so does the chain now, and says so.
+  // The tracker knows T_B better than the scans (by less since these are fitted by generalised least
+  // squares): so does the chain now, and says so.
   const auto before = therapeutic_from_faces(*alone), after = therapeutic_from_faces(*chain);
   const TriangleMesh& arch = patient.jaws.mandible_mi;
   EXPECT_LE(error_at_teeth(after.therapeutic.value.rigid, patient.therapeutic.rigid, {}, arch).max_mm, 0.05);

@@ -59,13 +59,15 @@ double scatter_ratio(const JawRecording& r, const Vector3& point_in_bow_mm) {
   return told > 0 ? std::sqrt(variance / told) : variance > 1e-12 ? 1e9 : 1;
 }
 
+constexpr double kWidenBeyond = 1.3;  // times the scatter that rows tell: below, it may be chance
+
 /// Rows' covariances, widened where the rows scatter more than they say, with a note.
 std::vector<Matrix6> honest_covariances(const JawRecording& r, const Vector3& incisal_mm,
                                         JawAnalysis* analysis) {
   const Vector3 point = r.bow_from_dental.value * incisal_mm;
   const double ratio = scatter_ratio(r, point);
   std::vector<Matrix6> covariances = r.covariance;
-  if (ratio <= 1.3) return covariances;
+  if (ratio <= kWidenBeyond) return covariances;
   if (ratio < 1e6) {
     for (Matrix6& c : covariances) c *= ratio * ratio;
     analysis->notes.push_back(
@@ -258,6 +260,8 @@ void add_sigmas(const JawRecording& recording, const std::vector<Matrix6>& rows,
                 const std::vector<Matrix6>& covariance, const JawScene& nominal, const JawLandmarks& given,
                 const HingeChoice& choice, const JawAnalysisOptions& options, JawAnalysis* analysis) {
   Draws draws(recording, rows, options);
+  const double scatter = scatter_ratio(recording, recording.bow_from_dental.value * given.incisal_mm);
+  const double seen = scatter > kWidenBeyond ? 1.0 : scatter;  // of what `rows` say
   const std::size_t count = analysis->numbers.size();
   std::vector<double> n(count, 0), sum(count, 0), squares(count, 0);
   for (int i = 0; i < options.draws; ++i) {
@@ -285,11 +289,12 @@ void add_sigmas(const JawRecording& recording, const std::vector<Matrix6>& rows,
     }
     number.sigma = std::sqrt(std::max(0.0, (squares[k] - sum[k] * sum[k] / n[k]) / (n[k] - 1)));
     // SIMEX (Cook & Stefanski 1994): a draw's noise comes on top of the recording's. An outline's surplus is
-    // proportional to sigma, which a draw makes sqrt(2) times larger; taken back to none. One recording's own
-    // noise leaves that correction uncertain by half of itself.
+    // proportional to sigma, which a draw makes sqrt(r² + 1) times what is told and the recording has r
+    // times; taken back to none. One recording's own noise leaves that correction uncertain by half of
+    // itself.
     if (number.grows_with_noise) {
-      const double surplus = sum[k] / n[k] / (std::sqrt(2.0) - 1.0);
-      number.value -= surplus;
+      const double surplus = sum[k] / n[k] * seen / (std::sqrt(seen * seen + 1.0) - seen);
+      number.value = std::max(0.0, number.value - surplus);
       number.sigma = std::hypot(number.sigma, 0.5 * surplus);
     }
   }

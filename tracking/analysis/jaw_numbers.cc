@@ -122,9 +122,8 @@ double hull_area(std::vector<Eigen::Vector2d> p) {
 void add_posselt(const JawScene& scene, const std::vector<JawSegment>& segments,
                  std::vector<JawNumber>* out) {
   const char* const definition =
-      "area of the convex hull of the incisal point's recorded path in the sagittal plane (Posselt's "
-      "envelope as far "
-      "as the recorded border movements reach)";
+      "area of the convex hull of MI and the incisal point's recorded path in the sagittal plane, less what "
+      "noise widens it by (Posselt's envelope as far as the recorded border movements reach)";
   JawNumber n = number("posselt_sagittal_area", "", "mm2", definition);
   JawNumber frontal = number("posselt_frontal_area", "", "mm2", "the same in the frontal plane");
   const bool all = largest_of(scene, segments, JawMovement::kOpening) != nullptr &&
