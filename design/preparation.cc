@@ -152,6 +152,13 @@ Box crown_box(const TriangleMesh& support, const OcclusalMap& level, double dept
   return box;
 }
 
+/// The next of evenly spaced margins, so that sizes about the defaults need the same one.
+double widened(double margin_mm, double room_mm) {
+  constexpr double kOne_mm = 1.4;  // of them: 6.2 mm is the next but one, where the defaults need 5.0
+  if (!(room_mm > 0.0)) return margin_mm;
+  return kOne_mm + room_mm * std::ceil((margin_mm - kOne_mm) / room_mm);
+}
+
 /// Room for the crowns, their image in TP, the shell and its fillets.
 GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, const Rigid3& tp_from_mi,
                      const SplintParameters& p, double spacing_mm, double room_mm) {
@@ -163,7 +170,7 @@ GridShape design_box(const TriangleMesh& support, const OcclusalMap& level, cons
                     corner & 4 ? crowns.min_mm.z() + p.stamp_height_mm + 2.0 : crowns.min_mm.z());
     box.extend(tp_from_mi * v);
   }
-  const double margin = p.wall_mm + p.gap_mm + p.smoothing_mm + 4 * spacing_mm;
+  const double margin = widened(p.wall_mm + p.gap_mm + p.smoothing_mm + 4 * spacing_mm, room_mm);
   box.min_mm -= Vector3::Constant(margin);
   box.max_mm += Vector3(margin, margin, 0.0);
   box.max_mm.z() = std::max(box.max_mm.z(), crowns.max_mm.z()) + 4 * spacing_mm;
