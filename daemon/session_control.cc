@@ -42,6 +42,7 @@ SessionView SessionControl::Impl::view_now() const {
   v.message = message;
   v.devices_missing = missing;
   v.marks = mark_count;
+  v.marks += session && devices ? devices->pedal_edges() - pedal_edges_before : last_pedal_edges;
   const SessionStatus& s = last_status;
   v.elapsed_s = s.elapsed_s;
   v.file_bytes = s.file_bytes;
@@ -91,6 +92,7 @@ ApiResult<SessionView> SessionControl::arm(const std::string& case_id) {
     s.missing = s.devices->missing();
     s.message = warning;
     s.mark_count = 0;
+    s.last_pedal_edges = 0;
     s.last_status = {};
   }
   s.leave_busy(lock);

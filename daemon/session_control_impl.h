@@ -61,6 +61,8 @@ struct SessionControl::Impl {
   std::shared_ptr<Session> session;
   std::shared_ptr<MarkDevice::Queue> marks;
   std::uint32_t mark_count = 0;
+  /// Of the devices before the recording began, and in the last one that has ended.
+  std::uint64_t pedal_edges_before = 0, last_pedal_edges = 0;
   SessionStatus last_status;
   std::map<std::string, std::string> not_entered;  ///< by case: its newest recording, not yet in case.toml
   std::map<std::string, std::string> told_faults;  ///< by case: why that one waits, as it was last told

@@ -100,6 +100,7 @@ void SessionDevices::tell(const Sample& sample, HostTime taken) {
   } else if (const auto* event = std::get_if<EventSample>(&sample)) {
     if (event->kind == "MI" && event->pressed)
       mi_begins(fmt::format("{} {}", event->header.stream, event->header.sequence));
+    if (event->kind != "device") ++pedal_edges_;  // not the coming and going of one
     channels_.events.publish(std::make_shared<const EventSample>(*event));
   }
 }

@@ -36,6 +36,8 @@ class SessionDevices {
   const std::vector<std::string>& missing() const { return missing_; }
   LiveTracker* tracker() const { return tracker_.get(); }
   std::uint64_t poses() const { return poses_; }
+  /// Presses and releases of pedals since the devices were opened.
+  std::uint64_t pedal_edges() const { return pedal_edges_; }
   int request_scans();
   void recording_failed();
   void mi_begins(const std::string& what);
@@ -48,7 +50,7 @@ class SessionDevices {
 
   LiveChannels& channels_;
   Clock& clock_;
-  std::atomic<std::uint64_t> poses_{0};
+  std::atomic<std::uint64_t> poses_{0}, pedal_edges_{0};
   std::unique_ptr<LiveTracker> tracker_;
   std::vector<ScanOnRequest*> scanners_;
   std::vector<RemembersScans*> remembering_;

@@ -54,6 +54,7 @@ ApiStatus SessionControl::Impl::begin_recording(const std::string& name, std::un
   session = std::move(*started);
   marks = std::move(queue);
   mark_count = 0;
+  pedal_edges_before = open_devices->pedal_edges();
   recording = place->inside_case;
   message.clear();
   last_status = session->status();
@@ -139,6 +140,7 @@ void SessionControl::Impl::end_recording(std::unique_lock<std::mutex>& lock) {
   // Before the other note goes: a crash between loses nothing.
   const bool noted = !finished || note_waiting_recordings(config, not_entered);
   if (noted) forget_running_recording(config);
+  last_pedal_edges = open_devices->pedal_edges() - pedal_edges_before;
   session.reset();
   marks.reset();
   enter_waiting(lock);

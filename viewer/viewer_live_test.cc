@@ -10,6 +10,7 @@
 #include <QListWidget>
 #include <QProgressBar>
 #include <QPushButton>
+#include <QRegularExpression>
 #include <QSurfaceFormat>
 #include <QTabBar>
 #include <QTableWidget>
@@ -353,6 +354,51 @@ TEST(ViewerLive, CapturesATakeAndFindsTheDaemonAgain) {
   EXPECT_EQ(QApplication::activeModalWidget(), nullptr);
   ASSERT_TRUE(daemon.start()) << daemon.log();
   EXPECT_TRUE(wait([&] { return record->isEnabled(); })) << "the daemon is back, and was not found";
+}
+
+/// Feet instead of hands: what the pedal says is counted, shown, and in the take.
+TEST(ViewerLive, APedalsMarksAreSeenWithoutAKeyPressed) {
+  const TemporaryFolder folder;
+  DaemonProcess daemon(folder.path());
+  write_case(daemon.cases() / "case-live");
+  ASSERT_TRUE(daemon.start()) << daemon.log();
+  {
+    // Its pedal marks MI and TP: the daemon takes it as it takes any instrument's.
+    const auto client = daemon.connect();
+    ASSERT_TRUE(client);
+    const auto set = client->configure_devices("[[device]]\nkind = \"phantom\"\nname = \"phantom\"\nseed = " +
+                                               std::to_string(kSeed) + "\nduration_s = 16\nrate_hz = 2\n");
+    ASSERT_TRUE(set) << set.error().line();
+  }
+  WindowOptions options;
+  options.socket = daemon.socket();
+  options.connect = [](const std::string& socket) { return client::DaemonClient::connect(socket); };
+  MainWindow window(options);
+  window.show();
+  ASSERT_TRUE(QTest::qWaitForWindowExposed(&window));
+  window.open(daemon.cases() / "case-live");
+  ASSERT_TRUE(wait([&] { return !window.loading() && window.open_s() > 0; }));
+  window.findChild<QTabBar*>("steps")->setCurrentIndex(0);
+  auto* record = window.findChild<QPushButton*>("recordButton");
+  auto* state = window.findChild<QLabel*>("captureState");
+  auto* last = window.findChild<QLabel*>("lastMark");
+  ASSERT_TRUE(wait([&] { return record->isEnabled(); })) << state->text().toStdString();
+  QTest::mouseClick(record, Qt::LeftButton, {}, record->rect().center());
+  EXPECT_TRUE(wait([&] { return last->text().contains("by pedal, held for"); }))
+      << last->text().toStdString();
+  EXPECT_TRUE(wait([&] { return state->text().contains(QRegularExpression("marks: [1-9]")); }))
+      << state->text().toStdString();
+  EXPECT_TRUE(wait([&] { return last->text().contains("TP by pedal"); })) << last->text().toStdString();
+  if (const char* keep = std::getenv("GNATHION_PICTURES"))
+    window.grab().save(QString(keep) + "/viewer_pedal.png");
+  if (state->text().startsWith("Recording"))
+    QTest::mouseClick(record, Qt::LeftButton, {}, record->rect().center());
+  auto* takes = window.findChild<QListWidget*>("takeList");
+  ASSERT_TRUE(wait([&] { return takes->count() > 0; }));
+  const auto summary = summarise_recording(daemon.cases() / "case-live/recordings/recording_001.mcap");
+  ASSERT_TRUE(summary) << summary.error().line();
+  ASSERT_TRUE(summary->streams.count("pedal"));
+  EXPECT_GE(summary->streams.at("pedal").received, 3u);
 }
 
 }  // namespace

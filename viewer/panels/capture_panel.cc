@@ -86,6 +86,9 @@ CapturePanel::CapturePanel(Workbench& bench, Connect reach, std::string socket)
   marks->addWidget(mark_tp_ = mark("Mark TP", "markTp", "TP", "The jaw rests in TP (key T)"));
   marks->addWidget(mark_ = mark("Mark", "markAny", "mark", "Something worth finding again (key K)"));
   column->addLayout(marks);
+  last_mark_ = wrapped("", true);
+  last_mark_->setObjectName("lastMark");
+  column->addWidget(last_mark_);
   column->addWidget(heading("Seen now"));
   bow_ = new QLabel, head_ = new QLabel, jaw_ = new QLabel;
   bow_->setObjectName("bowState");
@@ -255,6 +258,8 @@ void CapturePanel::lost(const std::string& why) {
   for (QLabel* l : {bow_, head_, jaw_})
     l->setText(l == bow_ ? "Bow, head and jaw appear when the daemon is there." : "");
   devices_->setRowCount(0);
+  last_mark_->clear();
+  pressed_.clear();
   retry_.start();
 }
 
@@ -293,9 +298,25 @@ void CapturePanel::take_mail() {
   if (session) show_session(*session);
   if (ledger) show_devices(*ledger);
   if (poses) show_poses(*poses);
-  for (const client::EventUpdate& e : events)
-    bench_.status(
-        QString("Mark %1 %2").arg(QString::fromStdString(e.kind), e.pressed ? "pressed" : "released"));
+  for (const client::EventUpdate& e : events) show_mark(e);
+}
+
+/// Whose hands are at the patient sees at a glance that the pedal was heard.
+void CapturePanel::show_mark(const client::EventUpdate& e) {
+  if (e.kind == "device") return;  // one that came or went: the table of devices has it
+  const QString name = QString::fromStdString(e.kind);
+  const QString from = e.stream == "pedal" ? " by pedal" : "";
+  auto& since = pressed_[e.stream + "/" + e.kind];
+  if (e.pressed) {
+    since = e.capture;
+    last_mark_->setText(QString("Last mark: %1%2, held").arg(name, from));
+  } else {
+    const double held_s = since ? static_cast<double>(e.capture.ns - since->ns) * 1e-9 : 0.0;
+    since.reset();
+    // A key marks a moment.
+    last_mark_->setText(QString("Last mark: %1%2").arg(name, from) +
+                        (held_s > 0.05 ? QString(", held for %1 s").arg(held_s, 0, 'f', 1) : QString()));
+  }
 }
 
 void CapturePanel::show_session(const client::Session& s) {

@@ -40,6 +40,7 @@ class CapturePanel : public Panel {
   void lost(const std::string& why);
   void take_mail();
   void show_session(const client::Session& s);
+  void show_mark(const client::EventUpdate& e);
   void show_devices(const client::LedgerUpdate& l);
   void show_poses(const client::PoseUpdate& u);
   void act(const QString& name, std::function<Status(client::DaemonClient&)> call);
@@ -53,9 +54,10 @@ class CapturePanel : public Panel {
   QTimer retry_, mail_timer_;
   bool connecting_ = false, was_connected_ = false;
   std::optional<client::Session> session_;
+  std::map<std::string, std::optional<HostTime>> pressed_;  ///< by stream and kind, while held
 
   StepStatus* status_;
-  QLabel *state_, *bow_, *head_, *jaw_, *empty_;
+  QLabel *state_, *bow_, *head_, *jaw_, *empty_, *last_mark_;
   QPushButton *live_, *record_, *mark_mi_, *mark_tp_, *mark_;
   QTableWidget* devices_;
   QListWidget* takes_;

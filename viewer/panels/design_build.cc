@@ -3,6 +3,7 @@
 
 #include <QCheckBox>
 #include <QElapsedTimer>
+#include <QScopeGuard>
 
 #include <nlohmann/json.hpp>
 
@@ -11,6 +12,7 @@
 #include "pipeline/design_job.h"
 #include "rendering/charts.h"
 #include "viewer/model/daemon_requests.h"
+#include "viewer/scene/prepared_surface.h"
 
 namespace gnathion {
 namespace {
@@ -44,28 +46,35 @@ void DesignPanel::preview() {
     return;
   }
   preview_note_->setText("updating…");
-  auto made = std::make_shared<std::shared_ptr<const TriangleMesh>>();
+  bench_.scene.hold_coarse(
+      true);  // a picture in full detail of what is just changing would take its time from it
+  auto made = std::make_shared<std::shared_ptr<PreparedSurface>>();
   auto trouble = std::make_shared<std::string>();
   auto timer = std::make_shared<QElapsedTimer>();
   timer->start();
   const auto content = document().shared_content();
+  const auto rest = [this, asked = ++previews_asked_] {
+    if (asked == previews_asked_) bench_.scene.hold_coarse(false);
+  };
   bench_.jobs.run_latest(
       "preview",
       [previewer = previewer_, content, state = document().state(), made, trouble](JobContext&) {
         auto preview = previewer->build(inputs_of(*content, state), state.parameters);
         if (preview)
-          *made = std::make_shared<const TriangleMesh>(std::move(preview->splint));
+          *made = prepare_surface(std::make_shared<const TriangleMesh>(std::move(preview->splint)));
         else
           *trouble = preview.error().why;
       },
-      [this, made, trouble, timer, content] {
+      [this, made, trouble, timer, content, rest] {
+        const auto at_the_end = qScopeGuard(rest);
         if (!preview_->isChecked() || document().shared_content() != content) return;
         if (!*made) return preview_note_->setText(QString::fromStdString(*trouble));
         Layer layer;
         layer.id = "preview";
         layer.name = "Preview, not verified";
         layer.group = "Design";
-        layer.mesh = *made;
+        bench_.scene.offer(*made);  // seen at once, without another turn of a thread
+        layer.mesh = (*made)->mesh;
         layer.color_3d = {0.80, 0.62, 0.78};
         layer.color_2d = safe_palette::kPurple;
         layer.width_2d_px = 2.0;
@@ -75,7 +84,8 @@ void DesignPanel::preview() {
         pose_jaws();
         preview_note_->setText(
             QString("%1 s").arg(static_cast<double>(timer->elapsed()) / 1000.0, 0, 'f', 2));
-      });
+      },
+      rest);
 }
 
 void DesignPanel::build() {

@@ -74,9 +74,6 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
   edit_column->addStretch();
   tabs_->addTab(edit_page, "Edit, compare");
   column->addWidget(tabs_, 1);
-  preview_timer_.setSingleShot(true);
-  preview_timer_.setInterval(60);
-  connect(&preview_timer_, &QTimer::timeout, this, [this] { preview(); });
   connect(preview_, &QCheckBox::toggled, this, [this](bool on) {
     if (on) return preview();
     document().layers().remove("preview");
@@ -89,7 +86,7 @@ DesignPanel::DesignPanel(Workbench& bench) : Panel(bench, Step::kDesign) {
     parameters_->show_values();
     show_state();
     if (isVisible()) pose_jaws();
-    if (preview_->isChecked() && isVisible()) preview_timer_.start();
+    if (preview_->isChecked() && isVisible()) preview();
   });
   bench_.daemon.changed.add(
       [this] { build_->setText(bench_.daemon.serves_case() ? "Build splint (daemon)" : "Build splint"); });

@@ -1,7 +1,6 @@
 // Design: parameters with a preview, the full build, gates, maps of the splint, edits by hand, comparison.
 #pragma once
 
-#include <QTimer>
 #include <memory>
 
 #include <nlohmann/json_fwd.hpp>
@@ -58,7 +57,7 @@ class DesignPanel : public Panel {
   EditTools* edits_;
   MarginTools* margins_;
   CompareTools* compare_;
-  QTimer preview_timer_;
+  std::uint64_t previews_asked_ = 0;
   std::vector<std::string> gate_names_;
   std::shared_ptr<const nlohmann::json> report_;
   std::shared_ptr<const SplintMaps> maps_;

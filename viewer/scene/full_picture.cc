@@ -62,7 +62,8 @@ int PictureProp::RenderOpaqueGeometry(vtkViewport* viewport) {
   auto* renderer = vtkRenderer::SafeDownCast(viewport);
   auto* window = renderer ? vtkOpenGLRenderWindow::SafeDownCast(renderer->GetRenderWindow()) : nullptr;
   if (!picture_ || !window) return 0;
-  const auto width = static_cast<unsigned>(picture_->px.width()), height = static_cast<unsigned>(picture_->px.height());
+  const auto width = static_cast<unsigned>(picture_->px.width()),
+             height = static_cast<unsigned>(picture_->px.height());
   if (loaded_ != picture_) {
     colors_ = vtkSmartPointer<vtkTextureObject>::New();
     depth_ = vtkSmartPointer<vtkTextureObject>::New();
@@ -71,7 +72,8 @@ int PictureProp::RenderOpaqueGeometry(vtkViewport* viewport) {
       texture->SetMinificationFilter(vtkTextureObject::Nearest);
       texture->SetMagnificationFilter(vtkTextureObject::Nearest);
     }
-    colors_->Create2DFromRaw(width, height, 4, VTK_UNSIGNED_CHAR, const_cast<std::uint8_t*>(picture_->rgba.data()));
+    colors_->Create2DFromRaw(width, height, 4, VTK_UNSIGNED_CHAR,
+                             const_cast<std::uint8_t*>(picture_->rgba.data()));
     depth_->Create2DFromRaw(width, height, 1, VTK_FLOAT, const_cast<float*>(picture_->depth.data()));
     loaded_ = picture_;
   }

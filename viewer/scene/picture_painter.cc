@@ -1,5 +1,5 @@
-// The thread that draws pictures in full detail. Its window is VTK's own, off the screen: with a connection of
-// its own to the display, it has its own drawing threads too. A context of Qt's would share them with the
+// The thread that draws pictures in full detail. Its window is VTK's own, off the screen: with a connection
+// of its own to the display, it has its own drawing threads too. A context of Qt's would share them with the
 // window, which then waits for each picture after all.
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -123,8 +123,8 @@ class Studio {
     std::copy_n(colors_->GetPointer(0), out.rgba.size(), out.rgba.begin());
   }
 
-  /// What is clear leaves no depth; marks inside or behind it would lie over it. The same surfaces once more, as
-  /// if they were opaque, those apart that hide little.
+  /// What is clear leaves no depth; marks inside or behind it would lie over it. The same surfaces once more,
+  /// as if they were opaque, those apart that hide little.
   void read_depth_of_clear(FinishedPicture& out) {
     constexpr double kHides = 0.5;
     renderer_->SetUseDepthPeeling(false);

@@ -1,7 +1,7 @@
 #include "viewer/scene/prepared_surface.h"
 
-#include <vtkNew.h>
 #include <vtkDataArray.h>
+#include <vtkNew.h>
 #include <vtkPointData.h>
 #include <vtkPoints.h>
 #include <vtkUnsignedCharArray.h>
@@ -28,7 +28,6 @@ std::shared_ptr<PreparedSurface> prepare_surface(std::shared_ptr<const TriangleM
     out->full->GetPoints()->GetData()->GetRange(range, k);
     out->full->GetPoints()->GetData()->GetFiniteRange(range, k);
   }
-  out->query = std::make_shared<const MeshQuery>(*mesh);
   out->mesh = std::move(mesh);
   return out;
 }

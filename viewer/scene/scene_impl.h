@@ -25,8 +25,6 @@ class QVTKOpenGLNativeWidget;
 
 namespace gnathion {
 
-/// All layers together stay at 20 frames a second with software rendering (docs/viewer.md has the figures).
-inline constexpr std::size_t kCoarseTriangles = 12000;  ///< of one layer
 inline constexpr int kRestMs = 220;                     ///< after the last movement: full detail
 /// Pixels of a picture while something moves, where the processor draws them: the rest of the view is
 /// stretched.
@@ -51,6 +49,7 @@ struct Scene3d::Impl {
 
   void take(const std::string& id, LayerChange change);
   void prepare(const std::string& id);
+  void prepare_queries();
   void build_actor(const std::string& id);
   void apply_look(const std::string& id);
   void set_moving(bool on);
@@ -99,6 +98,7 @@ struct Scene3d::Impl {
   bool painter_tried = false, full_shown = false;
   bool scale_shown = false;
   bool fitted = false;  ///< nobody has moved the camera since all that shows was brought into view
+  bool held_coarse = false;  ///< more changes are on their way
   bool moving = false, scheduled = false, placed = false, full_allowed = true, interacting = false;
   SectionPlane plane;
   Vector3 plane_up = Vector3::UnitZ();

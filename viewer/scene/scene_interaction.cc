@@ -52,7 +52,7 @@ void Scene3d::Impl::start_interaction() {
   rest.setSingleShot(true);
   rest.setInterval(kRestMs);
   QObject::connect(&rest, &QTimer::timeout, [this] {
-    if (interacting || (!full_allowed && !painter))
+    if (interacting || held_coarse || (!full_allowed && !painter))
       rest.start();
     else
       set_moving(false);

@@ -92,8 +92,13 @@ void Scene3d::Impl::prepare(const std::string& id) {
   }
   d.preparing = true;
   auto made = std::make_shared<std::shared_ptr<PreparedSurface>>();
+  // While one preview follows another nobody picks on them.
   jobs.run_latest(
-      name + "/" + id, [mesh, made](JobContext&) { *made = prepare_surface(mesh, kCoarseTriangles); },
+      name + "/" + id,
+      [mesh, made, pickable = !held_coarse](JobContext&) {
+        *made = prepare_surface(mesh, kCoarseTriangles);
+        if (pickable) (*made)->query = prepare_query(*mesh);
+      },
       [this, id, mesh, made] {
         const auto at = drawn.find(id);
         if (at == drawn.end()) return;
@@ -102,7 +107,19 @@ void Scene3d::Impl::prepare(const std::string& id) {
         at->second.surface = *made;
         surface_cache()[mesh.get()] = *made;
         build_actor(id);
+        if (!held_coarse) prepare_queries();
       });
+}
+
+void Scene3d::Impl::prepare_queries() {
+  for (auto& [id, d] : drawn) {
+    if (!d.surface || d.surface->query || d.preparing) continue;
+    auto query = std::make_shared<std::shared_ptr<const MeshQuery>>();
+    jobs.run_latest(
+        name + "/query/" + id,
+        [surface = d.surface, query](JobContext&) { *query = prepare_query(*surface->mesh); },
+        [surface = d.surface, query] { surface->query = *query; });
+  }
 }
 
 void Scene3d::Impl::build_actor(const std::string& id) {
@@ -122,7 +139,8 @@ void Scene3d::Impl::build_actor(const std::string& id) {
       colored);
   d.full = nullptr;
   if (!painter)
-    d.full = mapper_of(colored ? with_colors(d.surface->full, *layer->colors, nullptr) : d.surface->full, colored);
+    d.full =
+        mapper_of(colored ? with_colors(d.surface->full, *layer->colors, nullptr) : d.surface->full, colored);
   d.actor->SetMapper(moving || painter ? d.coarse : d.full);
   apply_look(id);
   if (!placed) {
@@ -196,7 +214,8 @@ void Scene3d::Impl::start_painter() {
   if (painter_tried) return;
   painter_tried = true;
   painter = PicturePainter::make_for_processor([this](std::shared_ptr<const FinishedPicture> picture) {
-    if (asked && asked->version == picture->version && asked->camera == picture->camera && asked->px == picture->px)
+    if (asked && asked->version == picture->version && asked->camera == picture->camera &&
+        asked->px == picture->px)
       asked.reset();
     last_full = std::move(picture);
     self.render();
@@ -220,8 +239,8 @@ PictureRequest Scene3d::Impl::wanted_picture() {
   return r;
 }
 
-/// True: the finished picture is of what stands in the scene now, and shows. Else the coarse surfaces do, and at
-/// rest the picture is asked for.
+/// True: the finished picture is of what stands in the scene now, and shows. Else the coarse surfaces do, and
+/// at rest the picture is asked for.
 bool Scene3d::Impl::show_finished() {
   const CameraPlace place = place_of(*renderer->GetActiveCamera());
   const QSize px(window->GetSize()[0], window->GetSize()[1]);
@@ -261,9 +280,17 @@ bool Scene3d::settled() const {
   for (const Layer& l : s.layers.layers()) {
     if (!l.visible || !l.mesh || l.mesh->empty()) continue;
     const auto at = s.drawn.find(l.id);
-    if (at == s.drawn.end() || !at->second.surface || at->second.surface->mesh != l.mesh) return false;
+    if (at == s.drawn.end() || !at->second.surface || at->second.surface->mesh != l.mesh ||
+        !at->second.surface->query)
+      return false;
   }
   return true;
+}
+
+bool Scene3d::draws(const std::string& layer, const std::shared_ptr<const TriangleMesh>& mesh) const {
+  const auto at = impl_->drawn.find(layer);
+  return at != impl_->drawn.end() && at->second.actor && at->second.surface &&
+         at->second.surface->mesh == mesh;
 }
 
 QImage Scene3d::picture() const {
@@ -281,6 +308,16 @@ void Scene3d::Impl::set_moving(bool on) {
 
 void Scene3d::note_motion() {
   impl_->set_moving(true);
+}
+
+void Scene3d::offer(const std::shared_ptr<PreparedSurface>& surface) {
+  surface_cache()[surface->mesh.get()] = surface;
+}
+
+void Scene3d::hold_coarse(bool on) {
+  impl_->held_coarse = on;
+  if (!on) impl_->prepare_queries();
+  if (on || impl_->moving) impl_->set_moving(true);
 }
 
 void Scene3d::allow_full_detail(bool allowed) {

@@ -18,6 +18,8 @@ class QWidget;
 
 namespace gnathion {
 
+struct PreparedSurface;
+
 /// A place on a visible surface under the mouse, in Dental.
 struct PickedPoint {
   std::string layer;
@@ -80,6 +82,8 @@ class Scene3d {
   /// Draws at the next turn of the event loop; any number of calls make one picture.
   void render();
   void render_now();
+  /// Whether pictures from now on show that mesh, if only coarsely.
+  bool draws(const std::string& layer, const std::shared_ptr<const TriangleMesh>& mesh) const;
   bool settled() const;  ///< every visible layer is drawn, at full detail
   QImage picture() const;
 
@@ -99,6 +103,10 @@ class Scene3d {
   void note_motion();
   /// False: keep coarse while background work needs the processor.
   void allow_full_detail(bool allowed);
+  /// A surface that is ready before its layer is put: then it shows at once.
+  void offer(const std::shared_ptr<PreparedSurface>& surface);
+  /// True: more changes are on their way; coarse until false.
+  void hold_coarse(bool on);
 
   void show_plane(bool visible);
   void set_plane(const SectionPlane& plane, const Vector3& up);
