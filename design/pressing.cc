@@ -4,6 +4,7 @@
 #include <array>
 #include <optional>
 
+#include "design/crossings.h"
 #include "design/parallel.h"
 #include "design/solid_distance.h"
 #include "design/swept_depth.h"
@@ -22,84 +23,6 @@ constexpr double kWayMm = 12.0;  // of the seating
 constexpr double kWayStepMm = 0.3;
 constexpr int kWayRounds = 6;
 constexpr int kAttempts = 4;  // after moves were taken back, smaller ones may do
-
-/// The cells of a grid over a mesh that the listed triangles' boxes touch: what lies about them is found
-/// again without looking at the rest.
-class Surroundings {
- public:
-  Surroundings(const TriangleMesh& mesh, const std::vector<std::uint32_t>& triangles, double margin_mm)
-      : box_(bounding_box(mesh)), margin_mm_(margin_mm) {
-    nodes_ = (box_.size_mm() / kCellMm).cast<int>() + Eigen::Vector3i::Ones();
-    marked_.assign(static_cast<std::size_t>(nodes_.x()) * static_cast<std::size_t>(nodes_.y()) *
-                       static_cast<std::size_t>(nodes_.z()),
-                   0);
-    for (const std::uint32_t t : triangles)
-      each_cell(marked_, box_of(mesh, t), margin_mm_, [](char& cell) {
-        cell = 1;
-        return true;
-      });
-  }
-  /// Within the margin of a listed triangle, or not much farther.
-  bool hold(const Vector3& p) const {
-    Box box;
-    box.extend(p);
-    return meet(box);
-  }
-  /// The triangles that come so near, and what they are called in the whole mesh.
-  TriangleMesh part_of(const TriangleMesh& mesh, std::vector<std::uint32_t>& names) const {
-    std::vector<bool> kept(mesh.triangles.size());
-    names.clear();
-    for (std::uint32_t t = 0; t < kept.size(); ++t) {
-      kept[t] = meet(box_of(mesh, t));
-      if (kept[t]) names.push_back(t);
-    }
-    return submesh(mesh, kept);
-  }
-
- private:
-  static constexpr double kCellMm = 0.4;
-
-  static Box box_of(const TriangleMesh& mesh, std::size_t t) {
-    Box box;
-    for (int k = 0; k < 3; ++k) box.extend(mesh.corner(t, k));
-    return box;
-  }
-  bool meet(const Box& box) const {
-    if ((box.max_mm.array() < box_.min_mm.array() - margin_mm_).any() ||
-        (box.min_mm.array() > box_.max_mm.array() + margin_mm_).any())
-      return false;
-    bool found = false;
-    each_cell(marked_, box, 0.0, [&](char cell) {
-      found = cell != 0;
-      return !found;
-    });
-    return found;
-  }
-  /// Calls body(cell) for the cells that the widened box touches, until it returns false.
-  template <class Cells, class Body>
-  void each_cell(Cells& cells, const Box& box, double margin_mm, const Body& body) const {
-    const auto cell_at = [&](const Vector3& p) -> Eigen::Vector3i {
-      return Eigen::Vector3i(((p - box_.min_mm) / kCellMm).array().floor().cast<int>())
-          .cwiseMax(0)
-          .cwiseMin(nodes_ - Eigen::Vector3i::Ones());
-    };
-    const Eigen::Vector3i low = cell_at(box.min_mm - Vector3::Constant(margin_mm));
-    const Eigen::Vector3i high = cell_at(box.max_mm + Vector3::Constant(margin_mm));
-    for (int i = low.x(); i <= high.x(); ++i)
-      for (int j = low.y(); j <= high.y(); ++j)
-        for (int k = low.z(); k <= high.z(); ++k)
-          if (!body(cells[(static_cast<std::size_t>(i) * static_cast<std::size_t>(nodes_.y()) +
-                           static_cast<std::size_t>(j)) *
-                              static_cast<std::size_t>(nodes_.z()) +
-                          static_cast<std::size_t>(k)]))
-            return;
-  }
-
-  Box box_;
-  double margin_mm_;
-  Eigen::Vector3i nodes_ = Eigen::Vector3i::Zero();
-  std::vector<char> marked_;
-};
 
 struct Push {
   Vector3 by_mm = Vector3::Zero();
@@ -245,51 +168,6 @@ void push_on_way_by_jaw(const MeshQuery& splint, const std::vector<Vector3>& jaw
     for (const std::uint32_t corner : splint.mesh().triangles[surface->triangle]) core[corner].take(by_mm);
   }
   if (any) take_with_neighbours(splint.mesh(), core, pushes);
-}
-
-/// Triangles with a vertex that `marked` holds.
-std::vector<std::uint32_t> triangles_at(const TriangleMesh& mesh, const std::vector<char>& marked) {
-  std::vector<std::uint32_t> out;
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& c = mesh.triangles[t];
-    if (marked[c[0]] || marked[c[1]] || marked[c[2]]) out.push_back(static_cast<std::uint32_t>(t));
-  }
-  return out;
-}
-
-/// Crossings of a mesh that had none before some of its vertices moved.
-std::vector<std::array<std::uint32_t, 2>> crossings_by_moves(const TriangleMesh& mesh,
-                                                             const std::vector<Vector3>& before) {
-  std::vector<char> moved(before.size());
-  for (std::size_t v = 0; v < moved.size(); ++v) moved[v] = mesh.vertices_mm[v] != before[v] ? 1 : 0;
-  const std::vector<std::uint32_t> triangles = triangles_at(mesh, moved);
-  if (triangles.empty()) return {};
-  std::vector<std::uint32_t> names;
-  const TriangleMesh part = Surroundings(mesh, triangles, 0.0).part_of(mesh, names);
-  auto pairs = self_intersections(part);
-  for (auto& pair : pairs)
-    for (std::uint32_t& t : pair) t = names[t];
-  return pairs;
-}
-
-/// Takes moves back, by half at first, until the mesh does not cross itself. Returns whether any was taken
-/// back.
-bool take_back_crossings(TriangleMesh& mesh, const std::vector<Vector3>& before) {
-  for (int round = 0; round < 12; ++round) {
-    const auto pairs = crossings_by_moves(mesh, before);
-    if (pairs.empty()) return round > 0;
-    std::vector<std::uint32_t> corners;
-    for (const auto& pair : pairs)
-      for (const std::uint32_t t : pair)
-        corners.insert(corners.end(), mesh.triangles[t].begin(), mesh.triangles[t].end());
-    std::sort(corners.begin(), corners.end());
-    corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
-    const double kept = round < 3 ? 0.5 : 0.0;
-    for (const std::uint32_t v : corners)
-      mesh.vertices_mm[v] = before[v] + kept * (mesh.vertices_mm[v] - before[v]);
-  }
-  mesh.vertices_mm = before;
-  return true;
 }
 
 /// Makes the moves; says which vertices made one.

@@ -6,6 +6,7 @@
 #include <tbb/parallel_invoke.h>
 
 #include "core/time.h"
+#include "design/contact_fit.h"
 #include "design/extraction.h"
 #include "design/gates.h"
 #include "design/pressing.h"
@@ -189,6 +190,7 @@ Result<SplintDesign> design_splint(const SplintInputs& inputs, const SplintParam
 
     steps.begin("simplification", 0.1);
     pieces.mesh = simplified(std::move(pieces.mesh), field);
+    fit_contacts(pieces.mesh, field);
 
     steps.begin("pressing", 0.1);
     press_free_of_jaws(pieces.mesh, field, kPressToleranceMm);
