@@ -1,14 +1,14 @@
 // The chain's errors and forecasts on many virtual patients.
 //
 //   chain_campaign [--first SEED] [--seeds N] [--anatomies N] [--repeats N] [--clutches N] [--open]
-//                  [--film]
+//                  [--film] [--bend-um N]
 //
 // For each seed: scans with fresh poses, noise, scale signs, holes and soft-tissue shift; T_D, T_F, T, T_B
 // and T_th by the face scans against the truth, at the patient's own TP (2–5° of opening), with --open at
 // 25°. Anatomies (jaws, face, bow, seat) take longest to make and are shared by neighbouring seeds. --repeats
 // N: N face scans in MI, N in TP and N clutch scans (or --clutches) go into the one problem. --film: the
 // camera route, too, from the pixels of a filmed session (chain_campaign_film.h), and both routes fused; T_D
-// is that of the scans.
+// is that of the scans. --bend-um N: the bow's model is bent against the bow by N µm at its ends.
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
@@ -25,6 +25,7 @@
 #include "calibration/chain.h"
 #include "calibration/composition.h"
 #include "core/progress.h"
+#include "core/random.h"
 #include "phantom/case.h"
 #include "phantom/case_scans.h"
 #include "phantom/film_scene.h"
@@ -40,7 +41,7 @@ constexpr double kChi2_6_95 = 12.591587243743977;
 
 struct Options {
   std::uint64_t first = 7001;
-  int seeds = 10, anatomies = 2, repeats = 1, clutches = 0;
+  int seeds = 10, anatomies = 2, repeats = 1, clutches = 0, bend_um = 0;
   bool open = false, film = false;
 };
 
@@ -132,6 +133,22 @@ std::vector<Vector3> moved(const Rigid3& x, std::vector<Vector3> points_mm) {
   return points_mm;
 }
 
+/// Quadratically, from the middle to both ends of its longest side, to a random one across it.
+TriangleMesh bent(TriangleMesh mesh, double at_ends_mm, std::uint64_t seed) {
+  const Box box = bounding_box(mesh);
+  int longest = 0;
+  const double half_mm = 0.5 * box.size_mm().maxCoeff(&longest);
+  Random random(seed, 0x62656e64);
+  Vector3 across = random.normal3();
+  across[longest] = 0.0;
+  across.normalize();
+  for (Vector3& p : mesh.vertices_mm) {
+    const double t = (p - box.centre_mm())[longest] / half_mm;
+    p += at_ends_mm * t * t * across;
+  }
+  return mesh;
+}
+
 Motion<Dental> wide_opening(const PhantomPatient& patient) {
   JawGeometry geometry;
   geometry.condyle_left_mm = patient.jaws.landmarks.condyle_left_mm;
@@ -168,6 +185,7 @@ class Campaign {
     ChainScans scans;
     scans.mandible_mi = simulate_phantom_scan(patient_, poses, PhantomScanKind::kMandibleMi, seed);
     scans.bow_model = patient_.bow.surface;
+    if (options_.bend_um > 0) scans.bow_model = bent(scans.bow_model, 1e-3 * options_.bend_um, seed);
     scans.head_frame_model = patient_.head_frame.surface;
     for (int k = 0; k < std::max(options_.repeats, options_.clutches); ++k) repeat(poses, seed, k, scans);
     const auto start = std::chrono::steady_clock::now();
@@ -182,6 +200,8 @@ class Campaign {
       fmt::print(stderr, "seed {}: {}\n", seed, chain.error().line());
       return;
     }
+    for (const std::string& warning : chain->warnings) fmt::print(stderr, "seed {}: {}\n", seed, warning);
+    warned_ += !chain->warnings.empty();
     tell(*chain, phantom_truth(patient_, poses));
     if (options_.film) tell_camera(*chain, seed);
     fmt::print(stderr,
@@ -257,9 +277,9 @@ class Campaign {
   void report() const {
     fmt::print(
         "{} seeds from {}, {} anatomies, {} face scan(s) in MI, {} in TP, {} clutch scan(s), TP {}; {} "
-        "refused\n\n",
+        "refused, {} warned of\n\n",
         options_.seeds, options_.first, options_.anatomies, options_.repeats, options_.repeats,
-        options_.clutches, options_.open ? "at 25° of opening" : "at 2–5° of opening", refused_);
+        options_.clutches, options_.open ? "at 25° of opening" : "at 2–5° of opening", refused_, warned_);
     fmt::print(
         "| pose | n | teeth RMS mm | worst tooth RMS mm | worst tooth p95 mm | angle RMS deg | NEES/6 | in "
         "95 % ellipsoid, % |\n"
@@ -277,7 +297,7 @@ class Campaign {
   Options options_;
   PhantomPatient patient_;
   FilmScene film_;
-  int anatomy_ = -1, refused_ = 0, consistent_ = 0;
+  int anatomy_ = -1, refused_ = 0, warned_ = 0, consistent_ = 0;
   std::map<std::string, Tally> tallies_;
   std::vector<double> seconds_;
   StepTimes steps_;
@@ -304,6 +324,8 @@ int main(int argc, char** argv) {
       o.anatomies = static_cast<int>(value);
     } else if (name == "--repeats") {
       o.repeats = static_cast<int>(value);
+    } else if (name == "--bend-um") {
+      o.bend_um = static_cast<int>(value);
     } else if (name == "--clutches") {
       o.clutches = static_cast<int>(value);
     } else {

@@ -133,6 +133,14 @@ void judge_face_scans(const std::vector<SurfaceTerm>& terms, const TriangleMesh&
 /// Registrations whose surfaces differ by more than a scanner's noise does.
 void judge_surfaces(const std::vector<SurfaceTerm>& terms, Chain& chain) {
   constexpr double kWorthTelling = 3.0;
+  const auto bent =
+      std::find_if(terms.begin(), terms.end(), [](const SurfaceTerm& t) { return t.shape != nullptr; });
+  if (bent != terms.end())
+    chain.warnings.push_back(
+        fmt::format("{}: all scans agree that the body is not as its model, by about {:.2f} mm (bent? "
+                    "scaled?); poses are told "
+                    "less certain for it. Give a scan of the printed body as its model",
+                    bent->name, bent->shape->bent_mm));
   for (const SurfaceTerm& term : terms)
     if (term.rigid && term.widened > kWorthTelling)
       chain.warnings.push_back(

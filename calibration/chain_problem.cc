@@ -35,7 +35,10 @@ std::vector<PlanePair> corrected_pairs(const SurfaceTerm& term, const SurfaceSam
   std::vector<PlanePair> pairs =
       associate(unscaled(samples, term.scale_centre_mm, term.source_scale), *term.surface, term.keep, x,
                 {term.gate_mm, term.min_normal_cosine});
-  for (PlanePair& p : pairs) p.target_mm -= term.surface_scale * (p.target_mm - term.surface_scale_centre_mm);
+  for (PlanePair& p : pairs) {
+    p.target_mm -= term.surface_scale * (p.target_mm - term.surface_scale_centre_mm);
+    if (term.shape) p.target_mm += term.shape->along_mm(p.normal, p.target_mm) * p.normal;
+  }
   return pairs;
 }
 
@@ -185,6 +188,67 @@ void estimate_noises(std::vector<SurfaceTerm>& terms, const std::vector<Rigid3>&
   }
 }
 
+using TermsBySurface = std::map<std::pair<const MeshQuery*, int>, std::vector<SurfaceTerm*>>;
+
+/// Rigid terms on models (no scans), by surface and pool; pool −1: all of a surface.
+TermsBySurface terms_by_surface(std::vector<SurfaceTerm>& terms, bool by_pool) {
+  TermsBySurface groups;
+  for (SurfaceTerm& term : terms)
+    if (term.rigid && term.surface_scanner < 0)
+      groups[{term.surface, by_pool ? term.noise_pool : -1}].push_back(&term);
+  return groups;
+}
+
+std::vector<ShapeFit> shape_fits(const std::vector<SurfaceTerm*>& terms, const std::vector<Rigid3>& poses) {
+  std::vector<ShapeFit> fits;
+  for (const SurfaceTerm* term : terms) fits.push_back(shape_fit_of(*term, pose_of(*term, poses)));
+  return fits;
+}
+
+/// By how much each surface is bent against its model as all scans of it agree (RMS along its normals): that
+/// looks like noise to each of them, and is none.
+std::map<const MeshQuery*, double> bent_surfaces(std::vector<SurfaceTerm>& terms,
+                                                 const std::vector<Rigid3>& poses) {
+  constexpr double kSame = 3.5;  // F of 24 and 24 degrees of freedom: one in 600 by chance
+  std::map<const MeshQuery*, double> bent_mm;
+  for (const auto& [of, group] : terms_by_surface(terms, true)) {
+    if (group.size() < 2) continue;
+    const SharedShape shape = shared_shape(shape_fits(group, poses), shape_modes_of(*of.first));
+    if (shape.freedom > 0 && shape.ratio > kSame)
+      bent_mm[of.first] = std::max(bent_mm[of.first], shape.bent_mm);
+  }
+  return bent_mm;
+}
+
+void make_patches(std::vector<SurfaceTerm>& terms) {
+  tbb::parallel_for(std::size_t{0}, terms.size(), [&](std::size_t i) {
+    if (terms[i].rigid) terms[i].patches = std::make_shared<PatchModel>(terms[i].pairs, terms[i].noise);
+  });
+}
+
+/// The shapes of bent surfaces, with the noise that remains beside them.
+Status estimate_shapes(ChainProblem& problem, const ChainSolution& at) {
+  constexpr int kShapeRounds = 2;
+  // One mode alone bends a bow by five times the mean along its normals, and there are several.
+  constexpr double kModeOfMean = 3.0;
+  const auto bent_mm = bent_surfaces(problem.terms, at.poses);
+  if (bent_mm.empty()) return {};
+  for (int round = 0; round < kShapeRounds; ++round) {
+    for (const auto& [of, group] : terms_by_surface(problem.terms, false)) {
+      const auto bent = bent_mm.find(of.first);
+      if (bent == bent_mm.end()) continue;
+      const auto shape = std::make_shared<const BodyShape>(
+          estimated_shape(shape_fits(group, at.poses), shape_modes_of(*of.first), kModeOfMean * bent->second,
+                          group.front()->shape.get()));
+      for (SurfaceTerm* term : group) term->shape = shape;
+    }
+    GNATHION_CHECK_OK(associate_all(problem.terms, at));
+    estimate_noises(problem.terms, at.poses);
+    make_patches(problem.terms);
+  }
+  return {};
+}
+
 /// Terms of one pool are generalised together, if the noise is what its model takes it for.
 void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
   // χ² by its freedom: of six numbers a fit, and noise is estimated; of hundreds.
@@ -195,7 +259,6 @@ void choose_ways(ChainProblem& problem, const std::vector<Rigid3>& poses) {
   tbb::parallel_for(std::size_t{0}, apart.size(), [&](std::size_t i) {
     SurfaceTerm& term = problem.terms[i];
     if (!term.rigid) return;
-    term.patches = std::make_shared<PatchModel>(term.pairs, term.noise);
     apart[i] = disagreement_of(term, pose_of(term, poses), problem.scale_sigmas);
   });
   std::map<int, Disagreement> pools;
@@ -244,7 +307,7 @@ std::vector<Eigen::MatrixXd> noises_at(const std::vector<SurfaceTerm>& terms, co
   return noises;
 }
 
-/// Σ λ²M over all unknowns: the covariance of the joint score.
+/// Σ λ²M over all unknowns, and what the shapes of bent surfaces add: the covariance of the joint score.
 Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at,
                             const std::vector<TermScore>& scores) {
   const std::vector<Eigen::MatrixXd> noises = noises_at(problem.terms, at, scores);
@@ -259,6 +322,7 @@ Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at
     const long row = 6 * known.pose;
     sum.block<6, 6>(row, row) += known.covariance.ldlt().solve(Matrix6::Identity());
   }
+  std::map<const BodyShape*, Eigen::MatrixXd> by_shape;  // ∂(joint score)/∂(sizes): all scans share the error
   for (std::size_t i = 0; i < problem.terms.size(); ++i) {
     const SurfaceTerm& term = problem.terms[i];
     const std::vector<int> scanners = scanners_of(term);
@@ -271,7 +335,12 @@ Eigen::MatrixXd joint_noise(const ChainProblem& problem, const ChainSolution& at
     for (std::size_t k = 0; k < scanners.size(); ++k)
       map(6 + static_cast<long>(k), pose_rows + scanners[k]) = 1.0;
     sum += scores[i].weight * scores[i].weight * map.transpose() * noises[i] * map;
+    if (!term.shape) continue;
+    Eigen::MatrixXd& by =
+        by_shape.try_emplace(term.shape.get(), Eigen::MatrixXd::Zero(n, ShapeModes::kCount)).first->second;
+    by += scores[i].weight * map.transpose() * score_by_shape(term, pose_of(term, at.poses));
   }
+  for (const auto& [shape, by] : by_shape) sum += by * shape->covariance_mm2 * by.transpose();
   return sum;
 }
 
@@ -336,10 +405,13 @@ Result<ChainSolution> solve_poses(ChainProblem& problem) {
     term.patches.reset();
     term.generalised = false;
     term.widened = 1.0;
+    term.shape.reset();
   }
   GNATHION_CHECK_OK(settle(problem, {}, kNear_mm, solution));
   GNATHION_CHECK_OK(associate_all(problem.terms, solution));
   estimate_noises(problem.terms, solution.poses);
+  make_patches(problem.terms);
+  GNATHION_CHECK_OK(estimate_shapes(problem, solution));
   choose_ways(problem, solution.poses);
   const std::vector<double> weights = weights_of(problem.terms, solution.poses);
   GNATHION_CHECK_OK(settle(problem, weights, kStill_mm, solution));

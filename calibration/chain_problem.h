@@ -28,6 +28,7 @@
 #include "registration/patch_fit.h"
 #include "registration/residual_noise.h"
 #include "registration/robust_icp.h"
+#include "registration/shared_shape.h"
 #include "registration/surface_samples.h"
 
 namespace gnathion {
@@ -64,6 +65,8 @@ struct SurfaceTerm {
   std::shared_ptr<const PatchModel> patches;
   bool generalised = false;
   double widened = 1.0;  ///< of the noise's variance, ≥ 1
+  /// Of the surface against its model, if all scans of it agree on one; shared by them.
+  std::shared_ptr<const BodyShape> shape;
   double rms_mm = 0.0, held_out_mm = 0.0;
 };
 

@@ -94,6 +94,27 @@ Disagreement disagreement_of(const SurfaceTerm& term, const Rigid3& pose,
   return term.patches->disagreement(term.pairs, pose, rows_of(term, pose), sigmas);
 }
 
+ShapeFit shape_fit_of(const SurfaceTerm& term, const Rigid3& pose) {
+  return {term.patches.get(), &term.pairs, pose, rows_of(term, pose)};
+}
+
+ShapeModes shape_modes_of(const MeshQuery& surface) {
+  const Box box = bounding_box(surface.mesh());
+  return {box.centre_mm(), 0.5 * box.size_mm().maxCoeff()};
+}
+
+Eigen::MatrixXd score_by_shape(const SurfaceTerm& term, const Rigid3& pose) {
+  const ScoreRows rows = rows_of(term, pose);
+  const Eigen::MatrixXd along = term.shape->modes.along(term.pairs);
+  if (term.generalised) return -term.patches->cross(term.pairs, pose, rows, along);
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(rows.rows(), along.rows());
+  for (std::size_t i = 0; i < term.pairs.size(); ++i) {
+    const auto k = static_cast<long>(i);
+    if (term.pairs[i].weight > 0.0) out -= term.pairs[i].weight * rows.col(k) * along.col(k).transpose();
+  }
+  return out;
+}
+
 TermScore score_of(const SurfaceTerm& term, const Rigid3& pose) {
   TermScore s = score_at(term, pose);
   const ScoreRows rows = rows_of(term, pose, s.scanners);

@@ -29,6 +29,11 @@ TermScore generalised_score_of(const SurfaceTerm& term, const Rigid3& pose);
 /// Of the two ways, for a term that has its patches; scales known to `scale_sigmas` (by scanner).
 Disagreement disagreement_of(const SurfaceTerm& term, const Rigid3& pose,
                              const std::vector<double>& scale_sigmas);
+/// A term as one of several fits to its surface, for what they say about its shape.
+ShapeFit shape_fit_of(const SurfaceTerm& term, const Rigid3& pose);
+ShapeModes shape_modes_of(const MeshQuery& surface);
+/// How g changes with the sizes of the surface's modes.
+Eigen::MatrixXd score_by_shape(const SurfaceTerm& term, const Rigid3& pose);
 /// λ = 6/tr(H⁻¹M) over the pose.
 double score_weight(const TermScore& score, const Eigen::MatrixXd& noise);
 

@@ -99,7 +99,7 @@ PatchModel::PatchModel(const std::vector<PlanePair>& pairs, const ResidualNoise&
 }
 
 PatchModel::Means PatchModel::means(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-                                    const ScoreRows& rows) const {
+                                    const Eigen::Ref<const Eigen::MatrixXd>& rows) const {
   const long n = covariance_mm2_.rows();
   Means m{Eigen::VectorXd::Zero(n), Eigen::MatrixXd::Zero(n, rows.rows()), Eigen::VectorXd::Zero(n)};
   for (std::size_t i = 0; i < pairs.size(); ++i) {
@@ -144,6 +144,27 @@ GeneralisedScore PatchModel::score(const std::vector<PlanePair>& pairs, const Ri
                                    const ScoreRows& rows) const {
   const Whitened w = whitened(means(pairs, target_from_source, rows));
   return {w.jacobian.transpose() * w.jacobian, w.jacobian.transpose() * w.residual};
+}
+
+GeneralisedScore PatchModel::score_beside(const std::vector<PlanePair>& pairs,
+                                          const Rigid3& target_from_source, const ScoreRows& rows,
+                                          const Eigen::MatrixXd& beside) const {
+  Eigen::MatrixXd all(rows.rows() + beside.rows(), rows.cols());
+  all << rows, beside;
+  Whitened w = whitened(means(pairs, target_from_source, all));
+  const Eigen::MatrixXd known = w.jacobian.leftCols(rows.rows());
+  Eigen::MatrixXd free = w.jacobian.rightCols(beside.rows());
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(known);
+  free -= known * qr.solve(free);
+  return {free.transpose() * free, free.transpose() * w.residual};
+}
+
+Eigen::MatrixXd PatchModel::cross(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                                  const ScoreRows& rows, const Eigen::MatrixXd& beside) const {
+  Eigen::MatrixXd all(rows.rows() + beside.rows(), rows.cols());
+  all << rows, beside;
+  const Whitened w = whitened(means(pairs, target_from_source, all));
+  return w.jacobian.leftCols(rows.rows()).transpose() * w.jacobian.rightCols(beside.rows());
 }
 
 Disagreement PatchModel::disagreement(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,

@@ -40,6 +40,13 @@ class PatchModel {
   /// A patch that has lost its pairs says nothing; samples that came later are left out.
   GeneralisedScore score(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
                          const ScoreRows& rows) const;
+  /// Of further unknowns (`beside`, as many rows as unknowns), with those of `rows` estimated along: the
+  /// score and information that remain for them.
+  GeneralisedScore score_beside(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                                const ScoreRows& rows, const Eigen::MatrixXd& beside) const;
+  /// JᵀV⁻¹W: how the score of `rows` changes with the further unknowns.
+  Eigen::MatrixXd cross(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
+                        const ScoreRows& rows, const Eigen::MatrixXd& beside) const;
   /// Of the first 6 unknowns, a pose; the others (scales) are known to `other_sigmas`.
   Disagreement disagreement(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
                             const ScoreRows& rows, const Eigen::VectorXd& other_sigmas) const;
@@ -47,7 +54,7 @@ class PatchModel {
  private:
   struct Means;
   Means means(const std::vector<PlanePair>& pairs, const Rigid3& target_from_source,
-              const ScoreRows& rows) const;
+              const Eigen::Ref<const Eigen::MatrixXd>& rows) const;
   struct Whitened;
   Whitened whitened(const Means& means) const;
   std::vector<int> patch_of_sample_;  // −1: in none
