@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "calibration/chain_derived.h"
 #include "calibration/chain_registrations.h"
@@ -133,14 +134,15 @@ void judge_face_scans(const std::vector<SurfaceTerm>& terms, const TriangleMesh&
 /// Registrations whose surfaces differ by more than a scanner's noise does.
 void judge_surfaces(const std::vector<SurfaceTerm>& terms, Chain& chain) {
   constexpr double kWorthTelling = 3.0;
-  const auto bent =
-      std::find_if(terms.begin(), terms.end(), [](const SurfaceTerm& t) { return t.shape != nullptr; });
-  if (bent != terms.end())
-    chain.warnings.push_back(
-        fmt::format("{}: all scans agree that the body is not as its model, by about {:.2f} mm (bent? "
-                    "scaled?); poses are told "
-                    "less certain for it. Give a scan of the printed body as its model",
-                    bent->name, bent->shape->bent_mm));
+  constexpr double kSure = 3.5;  // F of 24 and 24 degrees of freedom: one in 600 by chance
+  std::set<const BodyShape*> told;
+  for (const SurfaceTerm& term : terms)
+    if (term.shape && term.shape->ratio > kSure && told.insert(term.shape.get()).second)
+      chain.warnings.push_back(fmt::format(
+          "{}: all scans agree that the body is not as its model, by about {:.2f} mm (bent? printed to "
+          "another scale?); its shape was estimated along, a scan of the printed body as its model "
+          "would be surer",
+          term.name, term.shape->bent_mm));
   for (const SurfaceTerm& term : terms)
     if (term.rigid && term.widened > kWorthTelling)
       chain.warnings.push_back(

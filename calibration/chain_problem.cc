@@ -205,19 +205,20 @@ std::vector<ShapeFit> shape_fits(const std::vector<SurfaceTerm*>& terms, const s
   return fits;
 }
 
-/// By how much each surface is bent against its model as all scans of it agree (RMS along its normals): that
-/// looks like noise to each of them, and is none.
-std::map<const MeshQuery*, double> bent_surfaces(std::vector<SurfaceTerm>& terms,
-                                                 const std::vector<Rigid3>& poses) {
-  constexpr double kSame = 3.5;  // F of 24 and 24 degrees of freedom: one in 600 by chance
-  std::map<const MeshQuery*, double> bent_mm;
+/// Surfaces that by all scans of them alike are bent against their model: that looks like noise to each scan,
+/// and is none.
+std::map<const MeshQuery*, SharedShape> bent_surfaces(std::vector<SurfaceTerm>& terms,
+                                                      const std::vector<Rigid3>& poses) {
+  constexpr double kMaybe =
+      2.0;  // F of 24 and 24 degrees of freedom: one in 20 by chance, which does no harm
+  std::map<const MeshQuery*, SharedShape> bent;
   for (const auto& [of, group] : terms_by_surface(terms, true)) {
     if (group.size() < 2) continue;
     const SharedShape shape = shared_shape(shape_fits(group, poses), shape_modes_of(*of.first));
-    if (shape.freedom > 0 && shape.ratio > kSame)
-      bent_mm[of.first] = std::max(bent_mm[of.first], shape.bent_mm);
+    if (shape.freedom > 0 && shape.ratio > std::max(kMaybe, bent[of.first].ratio)) bent[of.first] = shape;
+    if (!(bent[of.first].ratio > 0.0)) bent.erase(of.first);
   }
-  return bent_mm;
+  return bent;
 }
 
 void make_patches(std::vector<SurfaceTerm>& terms) {
@@ -231,15 +232,16 @@ Status estimate_shapes(ChainProblem& problem, const ChainSolution& at) {
   constexpr int kShapeRounds = 2;
   // One mode alone bends a bow by five times the mean along its normals, and there are several.
   constexpr double kModeOfMean = 3.0;
-  const auto bent_mm = bent_surfaces(problem.terms, at.poses);
-  if (bent_mm.empty()) return {};
+  const auto bent_surface = bent_surfaces(problem.terms, at.poses);
+  if (bent_surface.empty()) return {};
   for (int round = 0; round < kShapeRounds; ++round) {
     for (const auto& [of, group] : terms_by_surface(problem.terms, false)) {
-      const auto bent = bent_mm.find(of.first);
-      if (bent == bent_mm.end()) continue;
-      const auto shape = std::make_shared<const BodyShape>(
-          estimated_shape(shape_fits(group, at.poses), shape_modes_of(*of.first), kModeOfMean * bent->second,
-                          group.front()->shape.get()));
+      const auto bent = bent_surface.find(of.first);
+      if (bent == bent_surface.end()) continue;
+      auto shape = std::make_shared<BodyShape>(
+          estimated_shape(shape_fits(group, at.poses), shape_modes_of(*of.first),
+                          kModeOfMean * bent->second.bent_mm, group.front()->shape.get()));
+      shape->ratio = bent->second.ratio;
       for (SurfaceTerm* term : group) term->shape = shape;
     }
     GNATHION_CHECK_OK(associate_all(problem.terms, at));

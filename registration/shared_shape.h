@@ -44,6 +44,7 @@ struct BodyShape {
   Eigen::VectorXd sizes_mm;
   Eigen::MatrixXd covariance_mm2;
   double bent_mm = 0.0;  ///< root mean square along the normals of the first fit's points
+  double ratio = 0.0;    ///< SharedShape's, by which it was found
 
   double along_mm(const Vector3& normal, const Vector3& p_mm) const {
     return modes.along(normal, p_mm).dot(sizes_mm);
