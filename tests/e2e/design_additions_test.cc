@@ -295,6 +295,51 @@ TEST(FlatPlaneSplint, GuidesTheCanineUpItsRamp) {
   EXPECT_EQ(canines, 2u);
 }
 
+/// Least distance to the splint of the lower teeth that `which` takes, the jaw moved from TP by `by`.
+template <class Which>
+double least_gap_mm(const MeshQuery& splint, const Vector3& by, Which which) {
+  const PhantomJaws& j = jaws();
+  const Rigid3 tp = flat().in.therapeutic.rigid;
+  double least = 1e9;
+  for (std::size_t v = 0; v < j.mandible_fdi.size(); ++v) {
+    if (j.mandible_fdi[v] == 0 || !which(j.mandible_fdi[v])) continue;
+    if (const auto hit = splint.signed_distance(tp * j.mandible_mi.vertices_mm[v] + by, 3.0))
+      least = std::min(least, hit->distance_mm);
+  }
+  return least;
+}
+
+TEST(FlatPlaneSplint, ARampTakesTheOtherTeethApart) {
+  const SplintDesign& d = flat().design;
+  const MeshQuery splint(d.splint);
+  const Vector3 into = d.dental_from_design.rotation * d.flat->normal();
+  std::size_t guided = 0;
+  for (const FlatPlane::Ramp& ramp : d.flat->ramps()) {
+    if (ramp.fdi % 10 != 3) continue;
+    // The jaw goes aside, and as far down as canines to molars ask: out of the wells of their tips, then up
+    // the ramp. (An incisor that stands out beyond them is told by flat_tip_depth_mm.)
+    const double way_mm = 0.5 + 0.7 * ramp.length_mm;
+    const Vector3 aside = way_mm * (d.dental_from_design.rotation * ramp.along);
+    double low = 0.0, high = 4.0;
+    while (high - low > 0.01) {
+      const double down = 0.5 * (low + high);
+      (least_gap_mm(splint, aside - down * into, [](int fdi) { return fdi % 10 >= 3; }) < 0.0 ? low : high) =
+          down;
+    }
+    const Vector3 by = aside - high * into;
+    const double guide_mm = least_gap_mm(splint, by, [&](int fdi) { return fdi == int(ramp.fdi); });
+    const double molars_mm = least_gap_mm(splint, by, [](int fdi) { return fdi % 10 >= 5; });
+    std::printf(
+        "%d guides %.2f mm aside and %.2f mm down: %.2f mm from its ramp, premolars and molars %.2f mm "
+        "apart\n",
+        int(ramp.fdi), way_mm, high, guide_mm, molars_mm);
+    EXPECT_LT(guide_mm, 0.03) << int(ramp.fdi);
+    EXPECT_GT(molars_mm, 0.2) << int(ramp.fdi);
+    ++guided;
+  }
+  EXPECT_EQ(guided, 2u);
+}
+
 TEST(Label, ThatIsTooLongIsToldNotSqueezed) {
   EXPECT_FALSE(check_label("ÄÖ").has_value());
   EXPECT_FALSE(check_label("").has_value());
