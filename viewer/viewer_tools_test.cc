@@ -414,8 +414,15 @@ TEST_F(ViewerTest, NoLabelIsCut) {
       if (!table->isVisibleTo(&h.window)) continue;
       for (int c = 0; c < table->columnCount(); ++c) {
         const QString text = table->horizontalHeaderItem(c)->text();
-        if (table->fontMetrics().horizontalAdvance(text) > table->columnWidth(c))
+        if (table->fontMetrics().horizontalAdvance(text) + 6 > table->columnWidth(c))
           cut << table->objectName() + ": " + text;
+        for (int r = 0; r < table->rowCount(); ++r) {
+          const int lines = std::max(1, table->rowHeight(r) / table->fontMetrics().lineSpacing());
+          if (const auto* item = table->item(r, c);
+              item &&
+              table->fontMetrics().horizontalAdvance(item->text()) + 6 > lines * table->columnWidth(c))
+            cut << table->objectName() + ": " + item->text();
+        }
       }
     }
     EXPECT_TRUE(cut.isEmpty()) << "step " << step + 1 << ": " << cut.join("; ").toStdString();

@@ -41,7 +41,7 @@ CalibratePanel::CalibratePanel(Workbench& bench) : Panel(bench, Step::kCalibrate
   column->addWidget(wrapped("Choose one to see the surfaces laid over each other.", true));
   registrations_ = plain_table({"What on what", "RMS", "Held out", "Cond."}, "registrationTable");
   registrations_->horizontalHeader()->setSectionResizeMode(0, QHeaderView::Stretch);
-  for (const int c : {1, 2, 3}) registrations_->setColumnWidth(c, c == 3 ? 44 : c == 2 ? 60 : 46);
+  for (const int c : {1, 2, 3}) registrations_->setColumnWidth(c, c == 3 ? 44 : c == 2 ? 68 : 46);
   registrations_->setMinimumHeight(140);
   connect(registrations_, &QTableWidget::cellClicked, this, [this](int row, int) { show_registration(row); });
   column->addWidget(registrations_, 1);

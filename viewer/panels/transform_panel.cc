@@ -127,7 +127,8 @@ QWidget* TransformPanel::make_sources() {
   connect(handle_box_, &QCheckBox::toggled, this, [this] { show_manipulator(); });
   grid->addWidget(button("From file…", "transformFile", "T_th as JSON, 16 numbers or ITK .tfm",
                          [this] {
-                           choose_file(this, "Therapeutic position", case_folder(), "Transforms (*.json *.txt *.tfm);;All (*)",
+                           choose_file(this, "Therapeutic position", case_folder(),
+                                       "Transforms (*.json *.txt *.tfm);;All (*)",
                                        [this](const QString& path) { take_file(path); });
                          }),
                   0, 0);
@@ -166,8 +167,8 @@ QWidget* TransformPanel::make_constraints() {
   verdict_->setObjectName("feasibilityVerdict");
   constraints_ = plain_table({"", "Constraint", "Value", "Limit"}, "constraintTable");
   constraints_->setColumnWidth(0, 22);
-  constraints_->setColumnWidth(2, 70);
-  constraints_->setColumnWidth(3, 62);
+  constraints_->setColumnWidth(2, 86);
+  constraints_->setColumnWidth(3, 52);
   constraints_->horizontalHeader()->setSectionResizeMode(1, QHeaderView::Stretch);
   constraints_->setMinimumHeight(96);
   constraints_->setSizePolicy(QSizePolicy::Expanding, QSizePolicy::Ignored);  // it takes what is left
@@ -389,7 +390,7 @@ void TransformPanel::show_constraints(const Feasibility& f) {
                          : c->unit.empty() ? ""
                                            : " " + QString::fromStdString(c->unit);
     constraints_->setItem(row, 2, cell(c->checked ? signed_text(c->value, 2) + unit : "not checked", true));
-    constraints_->setItem(row, 3, cell(c->checked ? signed_text(c->limit, 2) + unit : "", true));
+    constraints_->setItem(row, 3, cell(c->checked ? signed_text(c->limit, 2) : "", true));
     where_mm_.push_back(c->where_mm);
     ++row;
   }
